@@ -15,24 +15,27 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _MAX_TEXT = 4000
-"""Maximum characters of a diagnostic: names in definitions have any length."""
+"""Maximum characters of a diagnostic's text: names in definitions have any length."""
 _INVISIBLE = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180d\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]"
 )
-"""Characters that are printable for Python, but invisible."""
+"""Pattern of characters that Python counts as printable, but that are invisible."""
 
 
 class RosidlError(Exception):
-    """Base class of the errors of this package."""
+    """Base class of all errors that this package raises."""
 
 
 class ExtraMissingError(RosidlError, ModuleNotFoundError):
-    """An extra of this package must be installed; the text has the command, `name` is the missing module."""
+    """Error of a missing extra of this package; the text has the command that installs it.
+
+    `name` is the module that could not be imported.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """A finding about a definition file, with its location.
+    """Finding about a definition file, with its location.
 
     Attributes:
         path: path of the file, or a name in angle brackets for text that is not from a file.
@@ -55,7 +58,7 @@ class Diagnostic:
         return printable(_with_code_points(f"{where}: {self.text}"[: _MAX_TEXT + 1]), _MAX_TEXT)
 
     def with_caret(self, width: int = 100) -> str:
-        """Return the text, the source line cut to `width`, and a caret under the column."""
+        """Return the finding, its source line cut to `width` characters, and a caret under the column."""
         if not self.source:
             return str(self)
         start = max(0, self.column - 1 - width // 2) if len(self.source) > width else 0
@@ -77,7 +80,7 @@ def _with_code_points(text: str) -> str:
 
 
 def printable(text: str, max_length: int | None = None) -> str:
-    """Return at most `max_length` characters of a text, without characters that control a terminal.
+    """Return at most `max_length` characters of a text, with U+FFFD for characters that could control a terminal.
 
     Definition files, their names, and messages of peers are not trusted.
     """
@@ -87,7 +90,7 @@ def printable(text: str, max_length: int | None = None) -> str:
 
 
 def display_path(path: str | os.PathLike[str]) -> str:
-    """Return a path for errors: relative if it is below the current folder."""
+    """Return a path for display: relative if it is below the current folder, else unchanged."""
     try:
         relative = os.path.relpath(path)
     except (OSError, ValueError):  # the current folder was removed, or is on another drive
@@ -96,7 +99,7 @@ def display_path(path: str | os.PathLike[str]) -> str:
 
 
 class DefinitionError(RosidlError):
-    """An interface file has problems, and its author must change it.
+    """Error of an interface file with problems, which the author of the file must correct.
 
     Attributes:
         diagnostics: all problems with their locations.
@@ -116,23 +119,23 @@ class DefinitionError(RosidlError):
 
 
 class UnknownDistributionError(RosidlError, ValueError):
-    """The definitions of a ROS distribution are not bundled; the text names the bundled distributions."""
+    """Error of a ROS distribution whose definitions are not bundled; the text names the bundled distributions."""
 
 
 class DistributionWarning(UserWarning):
-    """ROS_DISTRO names a distribution whose definitions are not bundled; the default distribution is used."""
+    """Warning that ROS_DISTRO names a distribution without bundled definitions, so the default distribution is used."""
 
 
 class TypeNotFoundError(RosidlError, LookupError):
-    """A requested interface is neither importable nor on the search path."""
+    """Error of a requested interface that is neither importable nor on the search path."""
 
 
 class OutputError(RosidlError):
-    """The output folder has files of another tool, or cannot be written."""
+    """Error of an output folder that contains files of another tool, or cannot be written."""
 
 
 class EncodeError(RosidlError, ValueError):
-    """A value does not fit the type of its field.
+    """Error of a value that does not fit the type of its message field.
 
     Attributes:
         path: the field, such as ``geometry_msgs/msg/PoseArray.poses[3].position.x``.
@@ -149,7 +152,7 @@ class EncodeError(RosidlError, ValueError):
 
 
 class DecodeError(RosidlError, ValueError):
-    """Data is not a message of the type.
+    """Error of data that is not a message of the expected type.
 
     Attributes:
         path: the field that could not be read.
@@ -168,17 +171,17 @@ class DecodeError(RosidlError, ValueError):
 
 
 class InvalidNameError(RosidlError, ValueError):
-    """A name is not allowed in ROS."""
+    """Error of a name that is not allowed in ROS."""
 
     def __init__(self, text: str, *, name: str = "", index: int | None = None, reason: str = "") -> None:
         self.name: str = name
-        """The name; empty if it is not a text."""
+        """The invalid name; empty if it is not a text."""
         self.index: int | None = index
         """Index of the first invalid character; None if the whole name is invalid."""
         self.reason: str = reason
-        """The rule that the name breaks, without name and index; empty if the error text has it."""
+        """The rule that the name breaks, without name and index; empty if the error text states the rule."""
         super().__init__(text)
 
 
 class ClosedError(RosidlError):
-    """A closed object was used."""
+    """Error of using an object, such as a node, after it was closed."""

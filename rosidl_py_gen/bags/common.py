@@ -1,4 +1,4 @@
-"""Topics, messages, errors and warnings of bags; checks of names and times; crash-safe writing of files."""
+"""Parts shared by the readers and writers of bags: topics, messages, errors, warnings, checks, durable file writing."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     T = TypeVar("T", default=Any)
 
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
-"""Keys of rosbag2 in the metadata of MCAP channels."""
+"""Keys that rosbag2 uses in the metadata of MCAP channels: for the QoS and for the type hash of a topic."""
 _MAX_TEXT = 4000
 
 
 class BagError(RosidlError, ValueError):
-    """Raised when a bag is damaged, of an unknown kind, or cannot be written.
+    """Error of a bag that is damaged, of an unknown kind, or cannot be written.
 
     Names in bags and tables are not trusted: the text is printable, and truncated if it is very long.
     """
@@ -36,13 +36,13 @@ class BagError(RosidlError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """Topic of a bag.
+    """Topic of a bag, with the definition of its messages.
 
     Attributes:
         type_name: ``pkg/msg/Name``.
-        definition: text with all types it uses; empty if the bag does not contain it.
-        encoding: of the definition: ``ros2msg`` or ``ros2idl``.
-        message_encoding: ``cdr`` for everything of ROS 2.
+        definition: definition text of the type with all types it uses; empty if the bag does not contain it.
+        encoding: language of the definition: ``ros2msg`` or ``ros2idl``.
+        message_encoding: serialization of the messages: ``cdr`` for everything of ROS 2.
         type_hash: RIHS01 text; empty if the bag does not contain it.
         offered_qos: YAML in the format of rosbag2; empty if the bag does not contain it.
         count: number of messages; None if not known, as for MCAP files without statistics.
@@ -63,7 +63,7 @@ class BagTopic:
 
     @property
     def definition_bytes(self) -> bytes:
-        """Bytes of the definition: of the MCAP schema, unless `definition` is another text."""
+        """Bytes of the topic's definition: those of the MCAP schema, unless `definition` has another text."""
         data = self.schema_data
         if data is not None and data.decode(errors="replace") == self.definition:
             return data
@@ -71,19 +71,19 @@ class BagTopic:
 
     @property
     def channel_key(self) -> tuple[object, ...]:
-        """Identity of a stored channel: `key`, QoS, hash and all metadata."""
+        """Identity of a stored channel: topic, definition, schema bytes, QoS, type hash and all metadata."""
         metadata = None if self.metadata is None else tuple(sorted(self.metadata.items()))
         return self.key, self.type_hash, self.offered_qos, metadata, self.schema_data
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Identity of a channel: the topic, and the values that decide how its messages are decoded."""
+        """Identity of a topic's channel: its name, and the values that decide how its messages are decoded."""
         by_hash = "" if self.definition else self.type_hash
         return self.name, self.type_name, self.message_encoding, self.encoding, self.definition, by_hash
 
 
 def checked_time(nanoseconds: int, topic: str, what: str, bits: int = 63) -> int:
-    """Return a time that bags can store; raises `BagError` for others."""
+    """Return a time that a bag can store; raise `BagError` for a time below 0 or of more than `bits` bits."""
     if not 0 <= nanoseconds < 1 << bits:
         raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**{bits}-1 ns")
     return nanoseconds
@@ -97,7 +97,7 @@ def require_printable(topic: str) -> None:
 
 @contextmanager
 def written_durably(target: Path) -> Iterator[Path]:
-    """Yield the path of a partial file, which becomes `target` when it is written, or is removed after a failure.
+    """Yield the path of a partial file, which replaces `target` after the ``with`` block; an exception removes it.
 
     A power cut leaves the old or the new file, never an incomplete one.
     """
@@ -113,13 +113,13 @@ def written_durably(target: Path) -> Iterator[Path]:
 
 
 def sync_file(file: Path) -> None:
-    """Wait until a file is on the disk."""
+    """Wait until the contents of a file are on the disk."""
     with file.open("r+b") as stream:  # Windows syncs only what is open for writing
         os.fsync(stream.fileno())
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
+    """Wait until the directory entries of a folder are on the disk (POSIX only)."""
     if os.name == "posix":  # other systems cannot open a folder
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -156,11 +156,13 @@ else:  # Python 3.10 has no generic named tuples
 
 
 class RawMessage(NamedTuple):
-    """Serialized message, with the channel that it was written to; times as in `BagMessage`.
+    """Serialized message with the channel that it was written to; times are nanoseconds since 1970.
 
     Attributes:
         channel: the topic with the definition of this message.
-        sequence: number that the recorder or publisher gave it; 0 if there is none, as in SQLite bags.
+        log_time: when the message was recorded.
+        publish_time: when the message was published, as far as the recorder knew.
+        sequence: number that the recorder or publisher gave the message; 0 if there is none, as in SQLite bags.
     """
 
     channel: BagTopic
@@ -192,7 +194,7 @@ class DamagedPart:
 
     @property
     def place(self) -> str:
-        """Text with offset, log times and topics."""
+        """Description of the damaged part's place for messages: size, offset, log times and topics."""
         times = "unknown times" if self.start_ns is None else f"log times from {self.start_ns} to {self.end_ns} ns"
         topics = "unknown topics" if self.topics is None else f"topics {', '.join(self.topics) or '(none)'}"
         return f"{self.size} bytes at byte {self.offset}, {times}, {topics}"
@@ -212,4 +214,4 @@ class SkippedMessages:
 
 
 class BagWarning(UserWarning):
-    """Issued when messages are skipped, or decoded with a definition that the bag does not contain."""
+    """Warning about messages that are skipped, or decoded with a definition that the bag does not contain."""

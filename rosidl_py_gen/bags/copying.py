@@ -1,8 +1,8 @@
-"""Copy of a bag: everything besides messages, and the count of what the copy has no place for.
+"""Copy of everything in a bag besides messages, and counts of what the copy cannot store.
 
 Attachments, metadata records and schemas without a channel belong to the whole recording, so they are copied whatever
 topics and times are selected, as by ``mcap filter``. Metadata records come first and attachments last, so that chunks
-stay together. The record ``rosbag2`` is rewritten by each writer, with the user's data of the old one
+stay together. The record ``rosbag2`` is rewritten by each writer, with the user's data of the old record
 (docs/internals/protocol.md 16).
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.storage_api import Storage
 
 ROSBAG2 = "rosbag2"
-"""Name of the metadata record that rosbag2 writes into each file."""
+"""Name of the MCAP metadata record that rosbag2 writes into each file."""
 _SERIALIZED, _DISTRO = "serialized_metadata", "ROS_DISTRO"
 _KINDS = {
     "attachments": "attachment",
@@ -47,7 +47,7 @@ _KINDS = {
     "listed_topics": "topic without a channel",
     "unreadable_metadata": "metadata.yaml",
 }
-"""Keys of counts, and their names in texts."""
+"""Kinds of omitted things: keys of counts, with the noun that texts use."""
 _PLURALS = {
     "value of channel metadata": "values of channel metadata",
     "schema without a topic": "schemas without a topic",
@@ -67,22 +67,22 @@ _REASONS = {
     "listed_topics": "only metadata.yaml lists them",
     "unreadable_metadata": "its custom_data cannot be read",
 }
-"""Why a copy of any storage does not have something."""
+"""Reasons why a copy in any storage format lacks things of a kind."""
 _IN_SQLITE = "SQLite bags have no place for them; convert to MCAP to keep them"
 
 
 def find_all_channels(reader: BagReader) -> None:
-    """Complete the channels of an open bag by those that the indexes of its files leave out."""
+    """Add the channels that the indexes of the bag's files do not list to an open reader, by reading the files."""
     reader._read_unindexed()
 
 
 class BagCopy:
-    """Copy of the contents of an open bag, other than messages, into a new one.
+    """Copy of the contents of an open bag, except for its messages, into a new bag.
 
     Call `begin` before messages are written, and `end` after that.
 
     Attributes:
-        recording: statements about the recording.
+        recording: data about the whole recording, from its files and ``metadata.yaml``.
         omitted: number of things that are not in the copy, by kind. Complete after `end`.
     """
 
@@ -92,10 +92,11 @@ class BagCopy:
         self.omitted: Counter[str] = Counter()
 
     def begin(self, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
-        """Copy metadata and channels.
+        """Copy metadata records, channels and unused schemas to the new bag.
 
         Args:
-            channels: the topics of the copy by the `key` of the original: their types and definitions count.
+            channels: the topics of the copy by the `key` of the original topic; the copy gets their types and
+                definitions.
 
         Returns:
             The channels of the copy, by the `channel_key` of the original.
@@ -117,7 +118,7 @@ class BagCopy:
         return targets
 
     def end(self) -> None:
-        """Copy attachments, and complete `omitted`."""
+        """Copy attachments to the new bag, and complete the counts in `omitted`."""
         writer = self._writer
         for file in self._reader._files:
             for attachment in file.attachments():
@@ -137,7 +138,7 @@ class BagCopy:
             yield from file.metadata_records()
 
     def _pass_on_metadata(self) -> None:
-        """Give the writer what files and ``metadata.yaml`` state about the recording."""
+        """Pass the profile, distribution and custom data of the recording to the writer."""
         recording = self.recording
         self.omitted += recording.omitted
         metadata = self._reader._metadata
@@ -162,7 +163,7 @@ class BagCopy:
         return targets if isinstance(self._writer, BagWriter) else self._one_of_each_topic(targets)
 
     def _one_of_each_topic(self, targets: dict[tuple[object, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
-        """Merge the channels of a topic with equal definition, because a SQLite bag has one topic for them."""
+        """Return the channels of a SQLite copy by original key: channels of one topic and definition become one."""
         groups: dict[tuple[str, ...], list[BagTopic]] = {}
         for target in targets.values():
             groups.setdefault(target.key, []).append(target)
@@ -183,14 +184,14 @@ class BagCopy:
 
 
 class RecordingData:
-    """Statements about a recording in the files of a bag and ``metadata.yaml``.
+    """Data about a whole recording, from the files of a bag and its ``metadata.yaml``.
 
     Attributes:
-        profiles: of MCAP files, each once.
+        profiles: profiles that the headers of MCAP files state, each once.
         ros_distro: distribution of the recorder; empty if it is not known.
-        custom_data: texts of the user. ``metadata.yaml`` wins over files, and later files over earlier ones.
-        values: values in rosbag2's metadata records that rosbag2 does not know.
-        omitted: number of statements that are not among these, by kind.
+        custom_data: texts of the user. ``metadata.yaml`` overrides files, and later files override earlier ones.
+        values: entries of rosbag2's metadata records that rosbag2 itself does not know.
+        omitted: number of values that are not among these, by kind.
     """
 
     def __init__(self) -> None:
@@ -202,7 +203,7 @@ class RecordingData:
 
     @classmethod
     def of_bag(cls, reader: BagReader) -> RecordingData:
-        """Return the statements in all files of a bag."""
+        """Return the data about a recording from all files of a bag and its ``metadata.yaml``."""
         recording = cls()
         for file in reader._files:
             recording.add_file(file)
@@ -210,7 +211,7 @@ class RecordingData:
         return recording
 
     def add_file(self, file: Storage) -> None:
-        """Add the statements of a file."""
+        """Add the data about the recording that a file of the bag contains."""
         profile = file.profile()
         if profile is not None and profile not in self.profiles:
             self.profiles.append(profile)
@@ -222,7 +223,7 @@ class RecordingData:
                 self._add_record(record)
 
     def add_metadata(self, metadata: BagMetadata | None) -> None:
-        """Add the statements of ``metadata.yaml``, which win."""
+        """Add the data of ``metadata.yaml``, which overrides the data of files."""
         if metadata is not None:
             self._merge(self.custom_data, metadata.custom_data)
             files, self.ros_distro = self.ros_distro, metadata.ros_distro
@@ -254,12 +255,12 @@ class RecordingData:
 
 
 def listed_topics(metadata: BagMetadata) -> set[str]:
-    """Return the names of the topics in ``metadata.yaml``."""
+    """Return the names of the topics that ``metadata.yaml`` lists."""
     return {topic.name for topic in metadata.topics}
 
 
 def with_listed_values(metadata: BagMetadata | None, channel: BagTopic) -> BagTopic:
-    """Return the channel with the type hash and QoS of ``metadata.yaml``, where the file does not have them."""
+    """Return the channel with type hash and QoS of ``metadata.yaml`` where the bag file does not state them."""
     if metadata is None or (channel.type_hash and channel.offered_qos):
         return channel
     listed = metadata.by_name().get((channel.name, channel.type_name))
@@ -273,7 +274,7 @@ def with_listed_values(metadata: BagMetadata | None, channel: BagTopic) -> BagTo
 
 
 def _with_definition(channel: BagTopic, known: BagTopic) -> BagTopic:
-    """Return the channel with type and definition of another one; unchanged if they are its own."""
+    """Return `channel` with the type and definition of `known`; unchanged if both are equal."""
     if (channel.type_name, channel.definition, channel.encoding) == (known.type_name, known.definition, known.encoding):
         return channel
     return replace(
@@ -286,7 +287,7 @@ def _with_definition(channel: BagTopic, known: BagTopic) -> BagTopic:
 
 
 def omission_lines(omitted: Mapping[str, int]) -> list[str]:
-    """Return a line for each reason why something is not in a copy."""
+    """Return the lines that explain what is not in a copy: one line for each reason."""
     lines = []
     groups: dict[str, list[str]] = {}
     for kind in _KINDS:

@@ -1,9 +1,9 @@
-"""Classes for the channels of a bag, including bags without definitions (SQLite bags before Iron).
+"""Lookup of the message class for each channel of a bag, also without definitions (SQLite bags before Iron).
 
-The definition in the bag is used; else, if the bag has a type hash, only a definition with this hash; else the first of
-this name: from the caller, of the distribution that the bag was recorded with, importable, on the search path or
-bundled. The last is a guess: one warning names it, and messages are measured. A message that is longer or shorter than
-its fields was written with another definition.
+The definition in the bag is used; else, if the bag has a type hash, only a definition with this hash; else the first
+definition with the name of the type: from the caller, of the distribution that the bag was recorded with, importable,
+on the search path or bundled. The last case is a guess: one warning names it, and messages are measured. A message that
+is longer or shorter than its fields was written with another definition.
 """
 
 from __future__ import annotations
@@ -44,17 +44,15 @@ if TYPE_CHECKING:
 
 ENCODINGS = ("ros2msg", "ros2idl")
 Typestore: TypeAlias = "Mapping[str, type[Message] | str]"
-"""Classes, or texts of definitions with all types they use, by full name."""
+"""Message classes, or definition texts with all types they use, by full type name."""
 
 _CHECK_FIRST_MESSAGES = 20
-"""Number of messages of a channel that are checked at the beginning."""
+"""Number of messages at the start of a channel whose length is compared with a guessed definition."""
 _CHECK_EVERY = 256
-"""Interval of further checks, in messages: measuring takes up to 45 times as long as decoding.
-
-Fixed-size messages are cheap to check, so every one is.
-"""
+"""Number of messages after which the next one is compared with a guessed definition: measuring takes up to 45 times as
+long as decoding. Fixed-size messages are cheap to check, so each of them is."""
 _UNKNOWN_ENCODING = "unknown"
-"""Encoding that rosbag2 states for services that use no other types."""
+"""Value that rosbag2 states as a definition's encoding for services that use no other types."""
 _SERVICE_TEXT = re.compile(r"=+\r?\nSRV: ")
 NO_FIELDS = "an empty definition in the bag"
 _ADVICE = "pass the folder with the recorded definition (search_path=, --path)"
@@ -62,14 +60,14 @@ _ADVICE = "pass the folder with the recorded definition (search_path=, --path)"
 
 @dataclass(frozen=True, slots=True)
 class TopicDefinition:
-    """Definition that messages of a bag are decoded with.
+    """Definition with which messages of a bag are decoded.
 
     Attributes:
         message_class: class of the messages.
         origin: ``the bag``, ``an empty definition in the bag``, ``typestore``, a file, a module, ``bundled``, or
             ``bundled (humble)`` with the distribution.
-        is_recorded: True if it is the recorded definition: in the bag, or with the recorded hash; False if it is a
-            guess by name.
+        is_recorded: True if it is the recorded definition: in the bag, or with the recorded hash; False if it was
+            guessed by the name of the type.
     """
 
     message_class: type[Any]
@@ -78,16 +76,18 @@ class TopicDefinition:
 
     @property
     def type_hash(self) -> str:
-        """RIHS01 hash of the class."""
+        """RIHS01 hash of the message class."""
         return type_hash(self.message_class)
 
 
 class Definitions:
-    """Finds the class of each channel of a bag.
+    """Lookup of the message class for each channel of a bag, with a cache.
 
     Args:
-        bag: path of the bag, for messages.
-        hashes: from ``metadata.yaml``, by topic and type, for files that do not have them.
+        bag: path of the bag, for warnings.
+        search_path: folders with interface packages.
+        typestore: classes or definition texts by name, which precede `search_path`.
+        hashes: type hashes of ``metadata.yaml``, by topic and type, for files without hashes.
         recorded_distro: returns the distribution of the recorder, or an empty text; called once, if it is needed.
 
     Raises:
@@ -116,14 +116,19 @@ class Definitions:
         self._has_warned = False
 
     def find(self, topic: BagTopic) -> TopicDefinition:
-        """Return the definition of a topic; errors as in `BagReader.definition`."""
+        """Return the definition of a topic.
+
+        Raises:
+            BagError: no definition is known, or none with the recorded hash.
+            DefinitionError: the bag's definition is invalid.
+        """
         definition = self._cache.get(topic.key)
         if definition is None:
             definition = self._cache[topic.key] = self._find(topic)
         return definition
 
     def class_of(self, topic: BagTopic) -> type[Any]:
-        """Return the class of a topic, with a warning for the first guess; errors as in `find`."""
+        """Return the message class of a topic; the first guess by name issues a `BagWarning`. Raises as `find`."""
         definition = self.find(topic)
         if not definition.is_recorded and definition.message_class._TYPE.fields and not self._has_warned:
             self._has_warned = True
@@ -164,7 +169,7 @@ class Definitions:
 
     @cached_property
     def _distro(self) -> str | None:
-        """Distribution of the recorder, if its definitions are bundled and the command selects no other."""
+        """Distribution of the recorder; None if its definitions are not bundled, or the command selects another one."""
         if selected().is_explicit:
             return None
         try:
@@ -192,13 +197,13 @@ class Definitions:
 
 
 def has_definition(topic: BagTopic) -> bool:
-    """Return True if the bag contains a readable definition."""
+    """Return True if the bag contains a readable definition of the topic."""
     is_service = topic.encoding == _UNKNOWN_ENCODING and _SERVICE_TEXT.match(topic.definition) is not None
     return bool(topic.definition) and (topic.encoding in ENCODINGS or is_service)
 
 
 def described(topic: BagTopic, definition: TopicDefinition) -> BagTopic:
-    """Return the channel with the definition that is used for it, to write it to another bag."""
+    """Return the channel with the text and hash of the definition that decodes it, for writing to another bag."""
     if has_definition(topic):
         return topic
     text, encoding = definition_of(definition.message_class)
@@ -206,13 +211,13 @@ def described(topic: BagTopic, definition: TopicDefinition) -> BagTopic:
 
 
 def definition_of(cls: type[Any]) -> tuple[str, str]:
-    """Return the text of a class's definition with all types it uses, and its encoding."""
+    """Return the definition text of a message class with all types it uses, and the text's encoding."""
     text = definition_text(cls)
     return text, "ros2idl" if text.startswith("=") else "ros2msg"
 
 
 def same_definition(one: BagTopic, other: BagTopic) -> bool:
-    """Return True if messages of both channels are decoded alike, as far as is known."""
+    """Return True if messages of both channels are decoded alike, by hash or definition; False if that is unknown."""
     if one.type_hash and other.type_hash:
         return one.type_hash == other.type_hash
     if one.definition == other.definition:
@@ -226,7 +231,7 @@ def same_definition(one: BagTopic, other: BagTopic) -> bool:
 
 
 def is_empty(data: bytes | memoryview) -> bool:
-    """Return True for a message without fields: CDR writes one byte for it, and perhaps padding."""
+    """Return True if data can be a message without fields: CDR writes one zero byte for it, and perhaps padding."""
     size = len(data) - HEADER_BYTES
     return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[HEADER_BYTES:])
 
@@ -242,15 +247,16 @@ def _compiled(topic: BagTopic) -> type[Any]:
 
 
 class WrongDefinitionError(BagError):
-    """Raised when a message does not fit the definition that was guessed."""
+    """Error of a message that does not fit the definition that was guessed for its topic."""
 
 
 def checked_decoder(
     topic: BagTopic, definition: TopicDefinition, decode: Callable[[bytes | memoryview], Any], may_skip: bool
 ) -> Callable[[bytes | memoryview], Any]:
-    """Return a decoder for a guessed definition, which raises `WrongDefinitionError`.
+    """Return `decode` with checks of message lengths for a guessed definition; it raises `WrongDefinitionError`.
 
-    With `may_skip`, a message that is too short, after others that are not, is damaged: `DecodeError`.
+    With `may_skip`, a message that is too short raises `DecodeError` instead, if an earlier message had a valid length:
+    the message is damaged then.
     """
     cls = definition.message_class
     is_fixed = not varying_field(cls)
@@ -279,7 +285,7 @@ def checked_decoder(
 
 
 def mismatch_reason(topic: BagTopic, definition: TopicDefinition, samples: Iterable[bytes]) -> str:
-    """Return why a guessed definition does not fit the first samples; empty if it fits."""
+    """Return why sample messages of a topic do not fit a guessed definition; "" if all of them fit."""
     decode = checked_decoder(topic, definition, decoder_of(definition.message_class, False), False)
     try:
         for data in samples:
@@ -290,7 +296,10 @@ def mismatch_reason(topic: BagTopic, definition: TopicDefinition, samples: Itera
 
 
 def trailing_bytes(cls: type[Message], data: bytes | memoryview) -> str:
-    """Describe the bytes after the last field; empty if they are padding; raises `DecodeError`."""
+    """Return a description of the bytes after a message's last field; "" if there are none or they are padding.
+
+    Raises `DecodeError` if the data is not a message of the class.
+    """
     size = len(data)
     if not cls._TYPE.fields:
         return "" if size == HEADER_BYTES or is_empty(data) else f"{size} bytes of a message without fields"
@@ -325,7 +334,7 @@ class DecoderFactory(McapDecoderFactory):
         self._decoders: dict[tuple[str, bytes], Callable[[bytes], Any]] = {}
 
     def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
-        """Return the decoder of a schema; None if it is not a schema of ROS 2.
+        """Return the decoder of a schema's messages; None if the schema is not one of ROS 2.
 
         Raises:
             DefinitionError: the schema's text is invalid.
@@ -339,7 +348,7 @@ class DecoderFactory(McapDecoderFactory):
 
 
 def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], Any]:
-    """Return `decode` of a class; the function itself, as a wrapper costs as much as decoding a small message."""
+    """Return the decoder of a message class: its own `decode` if possible, as a wrapper costs time."""
     if not cls._TYPE.fields:
         return partial(_decode_empty, cls)
     if any(field.py_name == "decode" for field in cls._TYPE.fields):  # the field has taken the method's place
@@ -348,12 +357,16 @@ def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], A
 
 
 def _decode_empty(cls: type[Any], data: bytes | memoryview) -> Any:
-    """Decode an empty message: ROS writes one byte for it, other writers none."""
+    """Return the message that the data of an empty message encode: ROS writes one byte for it, other writers none."""
     return cls.decode(bytes(data) + b"\0" if len(data) == HEADER_BYTES else data)
 
 
 def _class_of_schema(name: str, definition: bytes) -> type[Any]:
-    """Return the class of a message's schema; raises `DefinitionError`."""
+    """Return the message class that an MCAP schema defines.
+
+    Raises:
+        DefinitionError: the schema cannot be read, or is not a message's.
+    """
     try:
         cls = compile_definition(name, definition.decode())
     except (UnicodeDecodeError, InvalidNameError) as error:

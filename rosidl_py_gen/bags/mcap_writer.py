@@ -23,20 +23,19 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
-"""Size from which a message gets an uncompressed chunk: readers decompress at most 1 GiB by default."""
+"""Maximum bytes of a message in a compressed chunk: readers decompress at most 1 GiB by default."""
 _MAX_KNOWN = 10_000
-"""Number of channels that `write_raw` knows by identity; more are compared again."""
+"""Maximum number of channels that `write_raw` recognizes by object identity; with more, the cache starts again."""
 CHUNK_BYTES = 768 << 10
-"""Size of a chunk in bytes, as in rosbag2.
-
-With 4 MB reading takes 20 % longer, because every chunk is in new memory.
-"""
+"""Bytes of records after which a chunk is written, as in rosbag2. With 4 MB reading takes 20 % longer, because every
+chunk is in new memory."""
 
 
 class BagWriter(SplittingWriter):
-    """Writer of messages with their definitions. Use it with ``with``; without `close` there is no index.
+    """Writer of MCAP bags with the definitions of messages. Use it with ``with``; without `close` a bag has no index.
 
-    Writes one file if `path` ends with ``.mcap``, else a folder with ``metadata.yaml`` that rosbag2 accepts.
+    A `path` that ends with ``.mcap`` becomes one file, any other path a folder with ``metadata.yaml`` that rosbag2
+    accepts.
 
     Args:
         compression: ``"zstd"``, ``"lz4"`` or ``""``, of chunks inside the file. Messages of 1023 MiB and more are not
@@ -106,7 +105,7 @@ class BagWriter(SplittingWriter):
         return number
 
     def write_table(self, table: Any, topic: str | None = None, msg_type: type[Message] | None = None) -> int:
-        """Write each row as a message: the reverse of `BagReader.table`. Needs the extra ``tables``.
+        """Write each row of a table as a message: the reverse of `BagReader.table`. Needs the extra ``tables``.
 
         Args:
             table: any object with ``__arrow_c_stream__``: a ``pyarrow.Table`` or ``RecordBatchReader``, a data frame of
@@ -119,9 +118,10 @@ class BagWriter(SplittingWriter):
             Number of messages.
 
         Raises:
-            BagError: topic or type is missing, a column is unknown, a value is missing or of another kind; and as
-                `write`.
+            BagError: topic or type is missing, a column is unknown, a value is missing or of another kind, or the bag
+                is closed or cannot be written.
             EncodeError: a value is out of range; names the topic, the time and the field.
+            OSError: the disk is full.
         """
         from rosidl_py_gen.tables.writing import located, messages_of, stream_of, topic_of_schema
 
@@ -174,7 +174,8 @@ class BagWriter(SplittingWriter):
             channel: the channel to write to; None is the message's own.
 
         Raises:
-            BagError, OSError: as `write`.
+            BagError: the bag is closed or cannot be written, or a time is out of range.
+            OSError: the disk is full.
         """
         known, data, log_time_ns, publish_time_ns, sequence = message
         known = channel or known
@@ -208,7 +209,9 @@ class BagWriter(SplittingWriter):
         self.flush()
 
     def flush(self) -> None:
-        """Pass buffered messages to the operating system, so that they survive this process; compression gets worse.
+        """Pass buffered messages to the operating system, so that they survive the end of this process.
+
+        Each call ends a chunk, so frequent calls make compression worse.
 
         Raises:
             OSError: the disk is full.
@@ -236,11 +239,11 @@ class BagWriter(SplittingWriter):
         return self._schemas[key]
 
     def _copy_metadata(self, record: StoredMetadata) -> None:
-        """Copy a metadata record as it is."""
+        """Copy a metadata record of another MCAP file byte by byte."""
         self._output.copy_metadata(record.name, record.pieces())
 
     def _copy_attachment(self, attachment: StoredAttachment) -> None:
-        """Copy an attachment as it is."""
+        """Copy an attachment of another MCAP file byte by byte."""
         self._output.copy_attachment(attachment.head, attachment.pieces())
 
     def _inherit(

@@ -1,4 +1,4 @@
-"""``metadata.yaml`` of rosbag2 folders, and the QoS profiles in it.
+"""Reader and writer of ``metadata.yaml`` in rosbag2 folders, and of the QoS profiles in it.
 
 Written is version 8, which ROS 2 Humble to Kilted read. Versions 1 to 9 are read.
 """
@@ -23,19 +23,20 @@ if TYPE_CHECKING:
 FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
 _MAX_QOS_BYTES = 1 << 20
-"""Size limit of a topic's QoS text: one publisher takes about 400 bytes."""
+"""Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
 PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
-"""Field of a QoS profile -> its name in rosbag2."""
+"""Duration fields of a QoS profile, each with its name in rosbag2."""
 
 
 @dataclass(frozen=True, slots=True)
 class BagMetadata:
-    """Contents of a metadata file.
+    """Contents of a ``metadata.yaml``.
 
     Attributes:
         storage: ``mcap`` or ``sqlite3``.
         files: names in the folder, in the order of recording.
         compression: of whole files or of messages (``zstd``), empty for none; not of chunks inside MCAP files.
+        compression_mode: ``file``, ``message``, ``none`` or empty.
         ros_distro: distribution of the recorder; empty if it is not known.
         custom_data: texts of the user.
     """
@@ -49,12 +50,16 @@ class BagMetadata:
     custom_data: Mapping[str, str] = field(default_factory=dict)
 
     def by_name(self) -> dict[tuple[str, str], BagTopic]:
-        """Return the topics by their names and types."""
+        """Return the topics of the bag by name and type."""
         return {(topic.name, topic.type_name): topic for topic in self.topics}
 
 
 def read_metadata(folder: Path) -> BagMetadata:
-    """Read ``metadata.yaml`` of a folder; raises `BagError` if it is missing, not YAML, or a value is missing in it."""
+    """Return the contents of ``metadata.yaml`` in a folder.
+
+    Raises:
+        BagError: the file is missing, not YAML, or a value is missing in it.
+    """
     path = folder / FILE
     try:
         with path.open("rb") as stream:
@@ -74,7 +79,10 @@ def read_metadata(folder: Path) -> BagMetadata:
 
 
 def _scalar(value: Any) -> str | int | float:
-    """Return a scalar; raises TypeError for others: nested aliases would expand to a text without bound."""
+    """Return a YAML value that is a text or a number; raise TypeError for any other value.
+
+    Nested aliases in lists would expand to a text without bound.
+    """
     if not isinstance(value, (str, int, float)):
         raise TypeError(f"{type(value).__name__}, expected a text or a number")
     return value
@@ -85,7 +93,7 @@ def _text(value: Any) -> str:
 
 
 def _file_name(value: Any) -> str:
-    """Return the name of a file without its folders, so that it cannot lead out of the bag."""
+    """Return the file name in a metadata value without folders, so that it cannot lead out of the bag."""
     if "\0" in (name := Path(_text(value)).name):
         raise ValueError("a file name with a zero byte")
     return name
@@ -114,9 +122,9 @@ def _parse_metadata(value: Any, custom: dict[str, str]) -> BagMetadata:
 
 
 def _custom_data(text: str | bytes, value: Any) -> dict[str, str]:
-    """Return the user's texts as they are written: rosbag2 writes ``1.50`` and ``yes`` without quotes.
+    """Return the user's custom data as written in the file: rosbag2 writes ``1.50`` and ``yes`` without quotes.
 
-    What rosbag2 does not read, a list or mapping, becomes its YAML.
+    A list or mapping, which rosbag2 does not read, becomes its YAML text.
     """
     values = value.get("custom_data")
     if not isinstance(values, dict) or not values:
@@ -136,14 +144,14 @@ def _custom_data(text: str | bytes, value: Any) -> dict[str, str]:
 
 
 class RecorderData(NamedTuple):
-    """Data of the recorder in metadata that are stored inside a file."""
+    """Data of the recorder in rosbag2 metadata that is stored inside a bag file."""
 
     ros_distro: str = ""
     custom_data: Mapping[str, str] = {}
 
 
 def recorder_data(text: str) -> RecorderData:
-    """Return the data of the recorder in metadata that are stored inside a file; empty if they do not have it.
+    """Return the recorder's data in rosbag2 metadata that is stored inside a bag file; empty values if it is missing.
 
     Raises `BagError` if the text has another format.
     """
@@ -160,7 +168,7 @@ def recorder_data(text: str) -> RecorderData:
 
 @dataclass(slots=True)
 class FileStatistics:
-    """Message counts and times of a file that is written; times in nanoseconds."""
+    """Message counts and log times of a bag file while it is written; times are nanoseconds since 1970."""
 
     path: str
     first: int | None = None
@@ -174,7 +182,7 @@ class FileStatistics:
 
     @property
     def total(self) -> int:
-        """Number of messages."""
+        """Number of messages of the file."""
         return sum(self.counts.values())
 
 
@@ -187,7 +195,7 @@ def metadata_text(
     custom_data: Mapping[str, str] | None = None,
     ros_distro: str = "",
 ) -> str:
-    """Return the text of a metadata file; `compression_mode` is ``file``, ``message`` or empty."""
+    """Return the text of a ``metadata.yaml``; `compression_mode` is ``file``, ``message`` or empty."""
     files = list(files)
     starts = [file.first for file in files if file.first is not None]
     start, end = min(starts, default=0), max((file.last for file in files), default=0)
@@ -229,7 +237,7 @@ def metadata_text(
 
 
 def write_metadata(folder: Path, text: str) -> None:
-    """Write ``metadata.yaml``; an older file is unchanged if the disk is full."""
+    """Write ``metadata.yaml`` into a bag folder; an older file is unchanged if the disk is full."""
     with written_durably(folder / FILE) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -258,7 +266,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 
 def qos_profiles(text: str) -> list[QoSProfile]:
-    """Return the profiles in a topic's YAML, with numbers or names as values; none if it cannot be read."""
+    """Return the QoS profiles in a topic's YAML, with numbers or names as values; [] if the text cannot be read."""
     try:
         return [_parse_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
     except Exception:  # the same as in `read_metadata`

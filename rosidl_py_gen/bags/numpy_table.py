@@ -1,4 +1,4 @@
-"""Messages as a numpy structured array or pandas DataFrame: a column for each path of `base.field_columns`."""
+"""Conversion of messages to a numpy structured array or pandas DataFrame, with a column for each field path."""
 
 from __future__ import annotations
 
@@ -30,7 +30,14 @@ def table(
     where: str,
     pad: Any = None,
 ) -> np.ndarray[Any, np.dtype[np.void]]:
-    """Return a structured array of messages of `classes`, which have equal columns; see `BagReader.to_arrays`."""
+    """Return messages as a structured array with a row for each message.
+
+    Args:
+        classes: classes of the messages, which must have equal columns.
+        fields: field paths; None means all numbers and texts outside of arrays.
+        where: path and topic, for errors.
+        pad: value for elements that a message does not have; None raises `BagError`.
+    """
     try:
         columns = message_columns(classes[0], fields)
         getters = {cls: _getters(columns, message_columns(cls, fields), pad) for cls in classes}
@@ -53,7 +60,11 @@ def table(
 
 
 def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Get]:
-    """Return functions for the values of a message; raises `BagError` if definitions have different columns."""
+    """Return a function for each column that reads its value from a message.
+
+    Raises:
+        BagError: the definitions of the topic have different columns.
+    """
     for one, other in zip(expected, columns, strict=False):
         if (one.name, one.kind, one.length) != (other.name, other.kind, other.length):
             raise BagError(f"{one.name} has different types in the definitions of this topic; read `messages`")
@@ -63,7 +74,7 @@ def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Ge
 
 
 def _copying_getter(column: Column, pad: Any) -> Get:
-    """Return a function that copies sequences of variable length, as views would retain the whole message."""
+    """Return a function that reads a column from a message and copies sequences, as views would retain the message."""
     get, kind, length = column.get, column.kind, column.length
     if length is None or (pad is not None and length != VARIABLE_LENGTH):
         return get
@@ -140,7 +151,7 @@ def _padded_column(column: Column, values: list[Any], pad: Any) -> tuple[str, tu
 
 
 def _text_kind(texts: list[str]) -> str:
-    """Return a type as long as the longest text, or objects if one long text would enlarge all rows."""
+    """Return the numpy type of a text column: as long as the longest text, or objects if few texts are far longer."""
     longest = max(map(len, texts), default=1) or 1
     size = 4 * longest * len(texts)
     return "O" if size > _MIN_LIMITED_BYTES and size > 4 * _MAX_PADDING_FACTOR * sum(map(len, texts)) else f"U{longest}"
@@ -156,7 +167,7 @@ def _padded(value: Any, length: int, kind: str, pad: Any) -> Any:
 
 
 def _typed_pad(column: Column, pad: Any) -> Any:
-    """Return the padding in the type of the column; raises ValueError if its value changes."""
+    """Return the padding value in the type of the column; raise ValueError if the conversion changes the value."""
     if isinstance(pad, str) != (column.kind == "U"):
         raise ValueError(f"pad={pad!r:.50} is not a {'text' if column.kind == 'U' else 'number'}; {_PAD_ADVICE}")
     if column.kind == "U":
@@ -175,7 +186,11 @@ def _typed_pad(column: Column, pad: Any) -> Any:
 
 
 def to_dataframe(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
-    """Return a table as a `pandas.DataFrame`; see `BagReader.to_pandas`."""
+    """Return a structured array with log times as a `pandas.DataFrame` whose index is the log time in UTC.
+
+    Raises:
+        ModuleNotFoundError: pandas is not installed.
+    """
     try:
         pandas: Any = import_module("pandas")
     except ModuleNotFoundError:
@@ -193,7 +208,7 @@ def to_dataframe(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
 
 
 def _element_names(name: str, count: int) -> list[str]:
-    """Return ``x[2]`` and ``x[3]`` for ``x[2:4]``; without brackets from 0."""
+    """Return the names of a column's elements: ``x[2]`` and ``x[3]`` for ``x[2:4]``; ``x[0]`` … without a slice."""
     match = re.search(r"\[\s*(-?\d*)\s*:[^\]]*\]", name)
     start = int(match[1] or 0) if match else 0
     before, after = (name[: match.start()], name[match.end() :]) if match else (name, "")

@@ -70,7 +70,7 @@ _MAX_DAMAGE_WARNINGS = 20
 
 
 class BagReader:
-    """Recorded bag. Use it with ``with``.
+    """Recorded bag that is read. Use it with ``with``.
 
     Iterating yields a `BagMessage` for each message by log time; `messages` selects topics and times. Several threads
     may iterate at the same time, each with an iterator of its own.
@@ -93,8 +93,8 @@ class BagReader:
         skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`
             with the place, the log times and the topics.
         typestore: definitions by name, which precede `search_path`: ``{"my_msgs/msg/Thing": Thing}``, or texts.
-        on_progress: called with the number of bytes that are read, and of all, while files are decompressed, or read
-            completely because they have no index.
+        on_progress: called with the number of bytes that are read, and the number of all bytes, while files are
+            decompressed, or read completely because they have no index.
 
     Raises:
         BagError: the bag is damaged beyond reading, or of an unknown kind.
@@ -128,7 +128,7 @@ class BagReader:
                 self._add_damaged if skip_damaged else None,
                 ReadingProgress(on_progress),
             )
-            """Files of the bag."""
+            """Paths of the files of the bag."""
             listed = self._metadata.topics if self._metadata is not None else ()
             hashes = {(topic.name, topic.type_name): topic.type_hash for topic in listed if topic.type_hash}
             self._definitions = Definitions(self.path, search_path, typestore, hashes, self._ros_distro)
@@ -140,9 +140,9 @@ class BagReader:
             self.start_ns: int = start_ns
             """Log time of the first message, nanoseconds since 1970; 0 without messages."""
             self.end_ns: int = end_ns
-            """Log time of the last message."""
+            """Log time of the last message, nanoseconds since 1970; 0 without messages."""
             self.has_index: bool = all(file.is_whole for file in self._files)
-            """False after a crash of the recorder: the files are then read completely to find messages."""
+            """True if all files have an index; files without one, as after a crash, are read completely."""
             self.unread_bytes: int = sum(file.unread_bytes for file in self._files)
             """Size of unfinished records at the end of files, as after a crash; each is reported by a `BagWarning`."""
             for file, lost in zip(self.files, (storage.unread_bytes for storage in self._files), strict=True):
@@ -154,7 +154,7 @@ class BagReader:
             raise
 
     def _contents(self) -> tuple[list[BagTopic], list[BagTopic], dict[str, BagTopic], int, int]:
-        """Return the stored channels, channels and topics of the bag, and its first and last time, as files state."""
+        """Return stored channels, merged channels, topics, first and last log time of the bag, as its files state."""
         stored = merge_stored_channels(channel for file in self._files for channel in file.stored_channels())
         channels = merge_channels(stored)  # of one topic and definition there are several if QoS or metadata differ
         spans = [span for file in self._files if (span := file.span()) is not None]
@@ -162,7 +162,7 @@ class BagReader:
         return stored, channels, topics_by_name(channels), start, end
 
     def _read_unindexed(self) -> None:
-        """Read what the indexes of files leave out, which may have more channels."""
+        """Read the parts of files that no index describes, which may define more channels, and update the topics."""
         for file in self._files:
             file.unused_schemas()
         self._stored_channels, self.channels, self.topics, self.start_ns, self.end_ns = self._contents()
@@ -180,8 +180,8 @@ class BagReader:
     def message_class(self, topic: str | BagTopic) -> type[Any]:
         """Return the class of a topic's messages: of the definition in the bag, else of one with its name and hash.
 
-        If the bag has neither definition nor hash, the first of that name is used, with one `BagWarning` for the bag;
-        see `definition`.
+        If the bag has neither definition nor hash, the first definition of that name is used, with one `BagWarning` for
+        the bag.
 
         Args:
             topic: a name, or one of `channels`.
@@ -196,14 +196,20 @@ class BagReader:
         return self._definitions.class_of(channels[0])
 
     def _ros_distro(self) -> str:
-        """Return the distribution of the recorder: of ``metadata.yaml``, else of a file; empty if none states it."""
+        """Return the recorder's distribution, which ``metadata.yaml`` or a file of the bag states; "" if none does."""
         stated = "" if self._metadata is None else self._metadata.ros_distro
         return stated or next((name for name in (file.ros_distro() for file in self._files) if name), "")
 
     def definition(self, topic: str | BagTopic) -> TopicDefinition:
-        """Return the definition of a topic's messages, which states if it is certainly the recorded one.
+        """Return the definition of a topic's messages; its `is_recorded` is False if it was guessed by the type's name.
 
-        Takes the same arguments as `message_class`, and raises the same errors.
+        Args:
+            topic: a name, or one of `channels`.
+
+        Raises:
+            BagError: the topic does not exist, has no known definition, none with the recorded hash, or several; pass
+                one of `channels` in the last case.
+            DefinitionError: the bag's definition is invalid.
         """
         if isinstance(topic, BagTopic):
             return self._definitions.find(topic)
@@ -284,7 +290,12 @@ class BagReader:
         return self._decoded(messages, arrays, names is None, may_skip, message_class)
 
     def _require_class(self, topic: str, message_class: type[Message]) -> None:
-        """Raise an error if a topic has messages of another type or definition than a class."""
+        """Raise an error if a topic has messages of another type or definition than `message_class`.
+
+        Raises:
+            TypeError: `message_class` is not a message class.
+            BagError: a type or definition differs.
+        """
         if not (isinstance(message_class, type) and issubclass(message_class, Message)):
             raise TypeError(f"message_class: got {message_class!r}; expected a message class")
         expected = message_class._TYPE.name
@@ -306,11 +317,20 @@ class BagReader:
         start_ns: int | None = None,
         end_ns: int | None = None,
     ) -> Iterator[RawMessage]:
-        """Yield serialized messages by log time, with their channels; arguments as for `messages`."""
+        """Yield serialized messages of the selected topics and times by log time, with their channels.
+
+        Args:
+            topics: names of topics; None means all.
+            start_ns: first log time.
+            end_ns: end of the log times, exclusive.
+
+        Raises:
+            BagError: the bag is damaged, or a topic does not exist.
+        """
         return as_raw_messages(self._merged(self._names(topics), start_ns, end_ns))
 
     def _messages_as_stored(self) -> Iterator[RawMessage]:
-        """Yield all messages of a bag of one file, compressed if rosbag2 has compressed each of them."""
+        """Yield all messages of a bag of one file as stored: still compressed if rosbag2 compressed single messages."""
         (file,) = self._files
         return as_raw_messages(file.stored_messages())
 
@@ -369,7 +389,10 @@ class BagReader:
         may_skip: bool,
         message_class: type[Message] | None,
     ) -> Callable[[bytes | memoryview], Any] | None:
-        """Return the decoder of a channel, of which `first` is a message; None if it must be skipped."""
+        """Return the decoder of a channel's messages; None if the topic cannot be decoded and may be skipped.
+
+        `first` is the first message of the channel.
+        """
         topic = channel.info
         try:
             cls, definition = self._definitions.class_of(topic), self._definitions.find(topic)
@@ -404,10 +427,13 @@ class BagReader:
         end_ns: int | None = None,
         raw: bool = False,
     ) -> AsyncIterator[BagMessage]:
-        """Yield messages with the time between them as recorded.
+        """Yield messages at the recorded pace; other arguments and errors as for `messages`.
 
         Args:
-            rate: 2.0 plays twice as fast; other arguments, and errors, as for `messages`.
+            rate: factor of the speed; 2.0 plays twice as fast.
+
+        Raises:
+            ValueError: `rate` is not above 0.
         """
         if not rate > 0:
             raise ValueError(f"rate: got {rate}; expected a number above 0")
@@ -429,6 +455,8 @@ class BagReader:
                 ``"transforms[0].transform"`` or ``"poses[:].position.x"``. None means all numbers and texts outside of
                 arrays; the path of a message means all numbers and texts in it. Indices are indices of Python. Times
                 become nanoseconds in int64.
+            start_ns: first log time.
+            end_ns: end of the log times, exclusive.
             pad: replaces elements that a message does not have, such as ``float("nan")`` or 0.
 
         Returns:
@@ -439,7 +467,7 @@ class BagReader:
         Raises:
             BagError: a topic or field does not exist, or differs in another definition of the topic; a sequence is too
                 short and there is no `pad`, or `pad` is not of the field's type.
-            DecodeError: as for `messages`.
+            DecodeError: a message is damaged; names the topic and the time.
         """
         classes = dict.fromkeys(self.message_class(one) for one in self._channels_of(topic))
         messages = self.messages(topic, start_ns=start_ns, end_ns=end_ns)
@@ -456,10 +484,14 @@ class BagReader:
     ) -> Any:
         """Return the messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
 
-        An array of known length becomes a column for each element, such as ``orientation_covariance[0]``.
+        An array of known length becomes a column for each element, such as ``orientation_covariance[0]``. The arguments
+        are those of `to_arrays`.
 
         Raises:
-            ModuleNotFoundError: pandas is not installed. Others as for `to_arrays`.
+            ModuleNotFoundError: pandas is not installed.
+            BagError: a topic or field does not exist, or differs in another definition of the topic; a sequence is too
+                short and there is no `pad`, or `pad` is not of the field's type.
+            DecodeError: a message is damaged; names the topic and the time.
         """
         return to_dataframe(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
@@ -482,13 +514,17 @@ class BagReader:
             topic: a name, or one of `channels`, for messages of this definition only.
             columns: paths such as ``"header.stamp"``, which name their columns; None means all fields. Other fields are
                 not decoded.
-            start_ns: as for `messages`, and so are `end_ns` and `on_error`.
+            start_ns: first log time.
+            end_ns: end of the log times, exclusive.
+            on_error: ``"skip"`` skips damaged messages; ``"raise"`` raises an error.
             batch_bytes: size of the messages of a batch, which has at least one message.
 
         Raises:
             ExtraMissingError: pyarrow is not installed.
+            ValueError: `on_error` has another value.
             BagError: a topic or column does not exist, definitions of the topic have different columns, or a time or a
-                column cannot be represented in Arrow; also while reading. Others as for `messages`.
+                column cannot be represented in Arrow; or, while reading, the bag is damaged.
+            DecodeError: a message is damaged; names the topic and the time.
         """
         from rosidl_py_gen.tables.reading import reader
 
@@ -515,11 +551,11 @@ class BagReader:
         end_ns: int | None = None,
         on_error: Literal["raise", "skip"] = "raise",
     ) -> Any:
-        """Return the messages of a topic as a ``pyarrow.Table`` in memory; arguments as for `batches`."""
+        """Return the messages of a topic as a ``pyarrow.Table`` in memory; arguments and errors as for `batches`."""
         return self.batches(topic, columns, start_ns=start_ns, end_ns=end_ns, on_error=on_error).read_all()
 
     def close(self) -> None:
-        """Close the files; may be called repeatedly."""
+        """Close the files of the bag; may be called repeatedly."""
         self._resources.close()
 
     def __enter__(self) -> Self:

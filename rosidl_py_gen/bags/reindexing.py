@@ -1,8 +1,8 @@
-"""Repair of bags: ``metadata.yaml`` of a folder that lost it, and files whose recorder was killed.
+"""Repair of bags: folders that lost ``metadata.yaml``, and files whose recorder was killed.
 
-A file is rewritten if it has no index, damaged parts or a journal. The complete new file is on the disk before it takes
-the place of the old one, which stays in the folder with the ending ``.unindexed``. So a full disk, an error or a power
-cut loses nothing, and the repair can be repeated.
+A file is rewritten if it has no index, damaged parts or a journal. The complete new file is on the disk before it
+replaces the old one, which stays in the folder with the ending ``.unindexed``. So a full disk, an error or a power cut
+loses nothing, and the repair can be repeated.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 UNINDEXED = ".unindexed"
-"""Ending of a file whose repaired form has its name."""
+"""Ending of the name of an old bag file whose repaired form has taken its name."""
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 _WORDS = {"": "not compressed", "file": "compressed", "message": "of compressed messages"}
 _MAX_SEARCHED_BYTES = 1 << 26
@@ -43,23 +43,25 @@ _CUSTOM_DATA = re.compile(rb"custom_data:[ \t]*(?!~|null|\{\}|\r?\n[ \t]*ros_dis
 
 
 class RepairedFile(NamedTuple):
-    """File that was rewritten, and its old form."""
+    """Bag file that was rewritten, and the renamed old file in `backup`."""
 
     path: Path
     backup: Path
 
 
 class Reindexed(NamedTuple):
-    """Result of a repair.
+    """Result of a bag's repair.
 
     Attributes:
-        path: the file that was written.
+        path: the file that was written: the repaired file, or ``metadata.yaml`` of a folder.
         files: number of files of the bag.
+        messages: number of messages of the bag.
+        topics: number of topics of the bag.
         unindexed_files: names of files that had no index.
         repaired: files that were rewritten.
         damaged: parts of the files that were skipped.
         unread_bytes: size of unfinished records at the end of files.
-        omitted: number of things that the repaired files have no place for, by kind.
+        omitted: number of things that the repaired files cannot store, by kind.
     """
 
     path: Path
@@ -74,12 +76,15 @@ class Reindexed(NamedTuple):
 
 
 OnProgress: TypeAlias = "Callable[[int, int], object]"
-"""Function that is called with the number of bytes that are read, and of all."""
+"""Callback that receives the number of bytes read so far, and the number of all bytes."""
 _MESSAGES_PER_REPORT = 64
 
 
 def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
-    """Open a file; without an index it is read twice, and opening is the first half."""
+    """Open a bag file for repair and read all of its channels.
+
+    A file without index is read twice, so opening reports the first half of the progress.
+    """
     reader = BagReader(
         file, skip_damaged=True, on_progress=lambda done, total: progress.show(size * done // (2 * max(1, total)))
     )
@@ -88,7 +93,7 @@ def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
 
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
-    """Yield all messages as they are stored, and report progress from the present position to `end`."""
+    """Yield all messages of an open bag file as stored, and report progress from the present position to `end`."""
     return _with_progress(reader._messages_as_stored(), reader, progress, end)
 
 
@@ -103,7 +108,7 @@ def _with_progress(messages: Iterable[T], reader: BagReader, progress: ReadingPr
 
 
 class _Repairs:
-    """Rewritten files, which replace the old ones when all are complete. Use it with ``with``."""
+    """Repaired forms of bag files, which replace the old files when all are complete. Use it with ``with``."""
 
     def __init__(self) -> None:
         self._resources = ExitStack()
@@ -119,10 +124,10 @@ class _Repairs:
     def add(
         self, file: Path, reader: BagReader, messages: Callable[[], Iterator[RawMessage]], counted: FileStatistics
     ) -> None:
-        """Write the repaired form of a file, and count its messages.
+        """Write the repaired form of a bag file next to it, and count its messages in `counted`.
 
         Raises:
-            BagError: the old form of a file exists already.
+            BagError: the name for the old file exists already.
             OSError: the file cannot be written.
         """
         backup = _backup_of(file)
@@ -159,7 +164,7 @@ class _Repairs:
         self._written.append((partial, file))
 
     def replace_files(self) -> tuple[RepairedFile, ...]:
-        """Rename the old files, and give the repaired ones their names."""
+        """Rename the old bag files, and give the repaired files their names."""
         return tuple(_replace_file(partial, file) for partial, file in self._written)
 
 
@@ -168,7 +173,10 @@ def _backup_of(file: Path) -> Path:
 
 
 def _replace_file(partial: Path, file: Path) -> RepairedFile:
-    """Put `partial` in the place of `file`. At any moment the name leads to the old or to the new file."""
+    """Replace `file` by `partial` and return both names; the old file gets the ending ``.unindexed``.
+
+    At any moment the name leads to the old or to the new file.
+    """
     backup = _backup_of(file)
     file = file.resolve()
     try:
@@ -192,7 +200,7 @@ def _replace_file(partial: Path, file: Path) -> RepairedFile:
 
 
 class _Survey:
-    """Reads the files of a bag one after the other, and has those repaired that need it."""
+    """Check of the files of a bag one after the other, with the repair of those that need it."""
 
     def __init__(self, progress: ReadingProgress, repairs: _Repairs) -> None:
         self._progress, self._repairs = progress, repairs
@@ -203,7 +211,7 @@ class _Survey:
         self.unread_bytes = 0
 
     def add(self, reader: BagReader, file: Path, size: int, needs_repair: bool) -> bool:
-        """Read a file; return True if it is repaired."""
+        """Read all of a bag file and count its messages; return True if the file was repaired."""
         if needs_repair:
             self._write(reader, file, size)
         else:
@@ -236,7 +244,7 @@ class _Survey:
 
     @property
     def messages(self) -> int:
-        """Number of messages of all files."""
+        """Number of messages of all files that were checked."""
         return sum(file.total for file in self.statistics)
 
 
@@ -245,9 +253,10 @@ def _needs_repair(reader: BagReader) -> bool:
 
 
 def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reindexed:
-    """Write ``metadata.yaml`` for the files in a folder, in the order of the numbers in their names.
+    """Write ``metadata.yaml`` for the bag files in a folder, in the order of the numbers in their names.
 
-    Files without an index, with damaged parts or with a journal are rewritten; see `reindex_file`.
+    Files without an index, with damaged parts or with a journal are rewritten; the old file gets the ending
+    ``.unindexed``.
 
     Raises:
         BagError: the folder has no bag files, files of several storages or compressions, or one that is damaged beyond
@@ -301,7 +310,7 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
 
 
 def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed:
-    """Rewrite a file that has no index, damaged parts or a journal, and rename the old one to ``FILE.unindexed``.
+    """Rewrite a bag file that has no index, damaged parts or a journal; rename the old one to ``FILE.unindexed``.
 
     Raises:
         BagError: the file needs no repair, or is damaged beyond reading.
@@ -335,7 +344,10 @@ def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed
 
 
 def _previous_metadata(folder: Path) -> tuple[BagMetadata | None, Counter[str]]:
-    """Return the contents of ``metadata.yaml`` and the number of lost ones if it cannot be read."""
+    """Return the contents of a folder's ``metadata.yaml``, None if missing or unreadable, and a count of lost data.
+
+    The count has the key ``unreadable_metadata`` if the unreadable file has custom data.
+    """
     path = folder / FILE
     if not path.exists():
         return None, Counter()
@@ -364,6 +376,6 @@ def _single_kind(folder: Path, kinds: set[str]) -> str:
 
 
 def _file_number(file: Path) -> tuple[int, str]:
-    """Sort key of a file: rosbag2 numbers files without leading zeros."""
+    """Return the sort key of a bag file: the number in its name, which rosbag2 writes without leading zeros."""
     numbers = _NUMBER.findall(file.name.removesuffix(SUFFIX))  # so that the 3 in .db3 is not matched
     return (int(numbers[-1][:18]) if numbers else -1), file.name

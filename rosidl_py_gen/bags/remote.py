@@ -1,7 +1,7 @@
-"""Bags at a URL such as ``s3://bucket/drive.mcap``: universal_pathlib presents them as paths, fsspec reads them.
+"""Access to bags at a URL such as ``s3://bucket/drive.mcap``: universal_pathlib wraps URLs as paths, fsspec reads them.
 
-MCAP files are read by ranges with a read-ahead: consecutive records take few requests, and skipped ones are mostly not
-read. Databases and compressed files are copied into a temporary folder first.
+MCAP files are read by ranges with a read-ahead: consecutive records take few requests, and skipped records are mostly
+not read. Databases and compressed files are copied into a temporary folder first.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _READ_AHEAD_BYTES = 1 << 20
-"""Number of bytes that are read in addition to the requested ones."""
+"""Number of bytes that a range request reads after the requested bytes."""
 
 
 class BagUnreachableError(BagError):
-    """Raised when the location of a bag does not respond; the bag may be intact."""
+    """Error of a bag whose location does not respond; the bag itself may be intact."""
 
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
 _WRAPPING = {"zip", "tar", "libarchive", "simplecache", "filecache", "blockcache", "cached", "reference", "dir", "dask"}
-"""Protocols of fsspec that apply to the URL after a ``::``."""
+"""Protocols of fsspec that wrap another URL, which follows after ``::``."""
 
 
 def is_url(location: str) -> bool:
-    """Return True if a location is a URL for fsspec."""
+    """Return True if the location of a bag is a URL, which fsspec opens, and not a local path."""
     return _URL.match(location) is not None
 
 
 def has_colons_in_names(url: str) -> bool:
-    """Return True if ``::`` is part of a name in a URL; fsspec would parse it as a chain of URLs."""
+    """Return True if ``::`` belongs to a name in the URL of a bag; fsspec would parse it as a chain of URLs."""
     first, separator, rest = url.partition("::")
     protocol, is_one, _ = first.partition("://")
     return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
 
 
 def bag_path(path: str | os.PathLike[str]) -> Path:
-    """Return a local path, or the path-like object for a URL; raises `BagError` if its protocol is unknown."""
+    """Return the path object for a bag's local path or URL; raises `BagError` if no package supports the protocol."""
     if isinstance(path, os.PathLike) or not is_url(path):
         return Path(path)
     if path.startswith("file://") and has_colons_in_names(path):  # which universal_pathlib cannot take
@@ -68,7 +68,7 @@ def bag_path(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def unreachable_as_error(location: object) -> Iterator[None]:
-    """Turn exceptions of file systems into `BagUnreachableError`; `OSError` passes unchanged."""
+    """Raise exceptions of remote file systems as `BagUnreachableError`; `OSError` and `RosidlError` pass unchanged."""
     try:
         yield
     except (RosidlError, OSError, MemoryError):
@@ -78,12 +78,12 @@ def unreachable_as_error(location: object) -> Iterator[None]:
 
 
 def opened(path: Path) -> IO[bytes]:
-    """Open a file for reading at any offset."""
+    """Return the local or remote file of a bag opened for reading at any offset."""
     return path.open("rb") if isinstance(path, Path) else cast("IO[bytes]", _RangeFile(path))
 
 
 class _RangeFile:
-    """File at a URL that is read by ranges; raises `BagUnreachableError`."""
+    """File at a URL that is read by ranges; methods raise `BagUnreachableError` if the location does not respond."""
 
     def __init__(self, path: Any) -> None:
         self._path = path
@@ -103,7 +103,11 @@ class _RangeFile:
 
 
 def local_copy(path: Path, folder: Path) -> Path:
-    """Copy a remote file, and SQLite's journals of it, into a local folder; return a local file unchanged."""
+    """Return a copy of a remote bag file, with its SQLite journals, in a local folder; return a local file unchanged.
+
+    Raises:
+        BagError: the file needs more than half of the free space.
+    """
     if isinstance(path, Path):
         return path
     with unreachable_as_error(path):

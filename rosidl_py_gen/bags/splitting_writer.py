@@ -1,4 +1,4 @@
-"""Base of the bag writers: the files of a bag one after the other, and ``metadata.yaml`` of a folder.
+"""Base of the bag writers: writes the files of a bag one after the other, and ``metadata.yaml`` of a folder.
 
 rosbag2 compresses whole files or single messages, with zstd. Chunks inside MCAP files are compressed independently of
 that (`mcap_writer.py`).
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 CompressionMode = Literal["none", "file", "message"]
 _ZSTD_LEVEL = 1
-"""Compression level of rosbag2."""
+"""Compression level of zstd that rosbag2 uses."""
 _BLOCK_BYTES = 1 << 20
 
 
 def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
-    """Replace a file by its compressed form, as rosbag2 does in mode ``file``, and return the new path.
+    """Replace a bag file by its zstd-compressed form, as rosbag2 does in mode ``file``, and return the new path.
 
     At any moment one of the two files is complete, also after a power cut or on a full disk; readers open that one.
     """
@@ -48,7 +48,11 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
 
 
 def topic_of(topic: str, msg_type: type[Message] | BagTopic, qos: Sequence[QoSProfile] = ()) -> BagTopic:
-    """Return the topic that a bag stores for a class or for the topic of another bag; raises `TypeNotFoundError`."""
+    """Return the `BagTopic` that a bag stores for a message class, or for the topic of another bag.
+
+    Raises:
+        TypeNotFoundError: `msg_type` is not a message class.
+    """
     if isinstance(msg_type, BagTopic):
         renamed = msg_type if msg_type.name == topic else replace(msg_type, name=topic)
         return replace(renamed, offered_qos=qos_text(qos)) if qos else renamed
@@ -120,10 +124,10 @@ class SplittingWriter:
     def _inherit(
         self, profile: str, ros_distro: str, custom_data: Mapping[str, str], values: Mapping[str, str]
     ) -> None:
-        """Set what a copy has of the metadata of a recording, before anything else is written.
+        """Set the metadata that a copy takes from the copied recording, before anything else is written.
 
         Args:
-            profile: of MCAP files.
+            profile: profile for the header of MCAP files.
             values: further values in the metadata record of rosbag2.
         """
         self._ros_distro, self._custom_data = ros_distro, dict(custom_data)
@@ -166,7 +170,7 @@ class SplittingWriter:
         """Register a topic, which is needed before serialized messages are written.
 
         Args:
-            msg_type: the class, or a `BagTopic` of a reader, whose name and QoS may be others.
+            msg_type: the class, or a `BagTopic` of a reader, whose name, and QoS if given, are replaced.
             qos: profiles of the publishers, which rosbag2 plays with.
 
         Raises:
@@ -180,7 +184,7 @@ class SplittingWriter:
     def write(
         self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
     ) -> None:
-        """Write a message; bytes are CDR of the type that was registered with `add_topic`.
+        """Write a message object or CDR bytes; for bytes, `add_topic` must have registered the topic's type before.
 
         Args:
             log_time_ns: None means now.
@@ -205,7 +209,7 @@ class SplittingWriter:
         self._write(topic, data, log_time_ns, publish_time_ns)
 
     def split(self) -> None:
-        """Continue in a new file, unless the current one is empty; for folders.
+        """Continue writing in a new file of the bag's folder, unless the current file has no messages.
 
         Raises:
             BagError: the bag is closed, is a single file, or cannot be written.

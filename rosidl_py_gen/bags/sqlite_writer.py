@@ -34,12 +34,17 @@ create index timestamp_idx on messages (timestamp asc);
 
 
 class SqliteWriter(SplittingWriter):
-    """Writer of a folder of ``.db3`` files with ``metadata.yaml``. Use it with ``with``, or call `close`.
+    """Writer of a rosbag2 folder of ``.db3`` files with ``metadata.yaml``. Use it with ``with``, or call `close`.
 
     Compared with `BagWriter`, a topic and a type have one definition in the bag, and messages have no publish times.
 
     Args:
-        split_bytes: as for `BagWriter`, and so are the other arguments.
+        split_bytes: size of messages after which a new file is started, in bytes.
+        split_s: log time after which a new file is started, in seconds.
+        compression_mode: rosbag2's modes, with zstd: ``"file"`` compresses each finished file, ``"message"`` each
+            message.
+        compression_threads: number of threads of zstd; 0 uses the calling thread, -1 one for each core.
+        custom_data: texts for the metadata.
 
     Raises:
         BagError: `path` exists already, or it cannot be written.
@@ -128,13 +133,23 @@ class SqliteWriter(SplittingWriter):
         self._described.add(known.type_name)
 
     def add_raw_topic(self, known: BagTopic) -> None:
-        """Register one of `BagReader.channels`; errors as in `add_topic`."""
+        """Register one of `BagReader.channels` as a topic.
+
+        Raises:
+            BagError: the topic or type has another definition already, or the bag is closed or cannot be written.
+        """
         self.add_topic(known.name, known)
 
     def write_raw(self, message: RawMessage, channel: BagTopic | None = None) -> None:
         """Write a message of `BagReader.raw_messages`, without its publish time and sequence number.
 
-        Takes the same arguments as `BagWriter.write_raw`. Raises as `add_topic` and `write`.
+        Args:
+            channel: the channel to write to; None is the message's own.
+
+        Raises:
+            BagError: the topic or type has another definition already, a time is out of range, or the bag is closed or
+                cannot be written.
+            OSError: the disk is full.
         """
         known, data, log_time_ns, publish_time_ns, sequence = message
         known = channel or known
@@ -158,7 +173,7 @@ class SqliteWriter(SplittingWriter):
             self._database.execute("update schema set ros_distro = ?", (self._ros_distro,))
 
     def _add_schema(self, schema: BagTopic) -> None:
-        """Add a definition that no topic uses; it is omitted if its type has another one."""
+        """Add a definition that no topic uses; count it as omitted if its type already has a definition."""
         if schema.type_name in self._described:
             self._omitted["schemas"] += 1
         else:
@@ -176,7 +191,7 @@ class SqliteWriter(SplittingWriter):
         """Pass written messages to the operating system, so that they survive the end of this process.
 
         Raises:
-            BagError: they cannot be written.
+            BagError: the messages cannot be written.
         """
         if not self._closed:
             with self._as_bag_error():

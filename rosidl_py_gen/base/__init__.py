@@ -1,4 +1,4 @@
 """Modules that several packages share: names, field types, type descriptions, resources, YAML and JSON.
 
-Imports no other package. Names here are not public; the public ones are exported by `rosidl_py_gen`.
+`base` imports no other package of the product. Its names are not public; `rosidl_py_gen` exports the public ones.
 """

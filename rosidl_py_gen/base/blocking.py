@@ -1,4 +1,4 @@
-"""Blocking forms of awaitable methods, such as ``receive_sync`` for ``receive``."""
+"""Blocking forms of coroutine methods, such as ``receive_sync`` for ``receive``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ R = TypeVar("R")
 
 
 def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[S, P], R]:
-    """Return the blocking form of a method of a class whose ``_scope`` has ``run_blocking``, as `EntityScope` has.
+    """Return the blocking form of a coroutine method, named ``<method>_sync``.
 
-    It raises `WouldDeadlockError` on the event loop's thread, and else as the method.
+    The class must have an attribute ``_scope`` with a method ``run_blocking``, as `EntityScope` has. The blocking form
+    raises `WouldDeadlockError` on the event loop's thread, and else the same errors as the method.
     """
     name = method.__name__
 
@@ -33,7 +34,7 @@ def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Cal
 
 
 def _docstring(name: str, text: str) -> str:
-    """Return the docstring of a blocking form: the one of the method, and the exception that only this form raises."""
+    """Return the docstring of a blocking form: the method's docstring, and the exception that only this form raises."""
     before, _, errors = text.partition("\nRaises:\n")
     raises = [*filter(None, [errors.rstrip()]), "    WouldDeadlockError: it is called on the thread of the event loop."]
     return "\n".join([before.rstrip(), "", f"Blocking form of `{name}`, for plain code.", "", "Raises:", *raises])

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from rosidl_py_gen.base.fieldtype import FieldType
 
 FieldRow = tuple[str, FieldType, str]
-"""Name, type and text of the default value, which may be empty."""
+"""Name, type and text of the default value of a field; the text may be empty."""
 FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
 T = TypeVar("T")
@@ -22,28 +22,31 @@ EMPTY_MESSAGE: tuple[FieldRow, ...] = (("structure_needs_at_least_one_member", F
 
 
 def service_rows(name: str) -> tuple[FieldRow, ...]:
-    """Return the fields of a service's description."""
+    """Return the fields in the type description of a service: its request, response and event."""
     return tuple(
         (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
     )
 
 
 def action_rows(name: str) -> tuple[FieldRow, ...]:
-    """Return the fields of an action's description."""
+    """Return the fields in the type description of an action: its messages and services."""
     fields = ("goal", "result", "feedback", "send_goal_service", "get_result_service", "feedback_message")
     suffixes = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
     return tuple((field, FieldType(f"{name}_{part}"), "") for field, part in zip(fields, suffixes, strict=True))
 
 
 def default_text(value: object) -> str:
-    """Return the text of a scalar, a tuple or None as a default value (docs/internals/protocol.md 3.4)."""
+    """Return a default value, a scalar or tuple, as text for a type description; "" for None.
+
+    Source: docs/internals/protocol.md 3.4.
+    """
     if value is None:
         return ""
     return value if isinstance(value, str) else repr(value)
 
 
 def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
-    """Return the description of one type without the types that it refers to."""
+    """Return the type description of one type from its fields, without the types that it refers to."""
     fields = [
         {"name": field, "type": kind.description(), "default_value": default}
         for field, kind, default in (tuple(rows) or EMPTY_MESSAGE)
@@ -52,12 +55,12 @@ def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
 
 
 def build_type_description(name: str, lookup: FieldLookup) -> Description:
-    """Return the full description of a type with the types that it refers to, sorted by name."""
+    """Return the type description of a type, including the types that it refers to, from the fields of each type."""
     return full_description(name, lambda part: individual_description(part, lookup(part)))
 
 
 def full_description(name: str, individual: Callable[[str], Description]) -> Description:
-    """Return the full description of a type, made of the descriptions of single types."""
+    """Return the type description of a type, including the types that it refers to, from individual descriptions."""
     top, *referenced = _closure(name, individual, _nested_types).values()
     return {"type_description": top, "referenced_type_descriptions": referenced}
 
@@ -67,7 +70,10 @@ def _nested_types(individual: Description) -> Iterable[str]:
 
 
 def _closure(name: str, get: Callable[[str], T], below: Callable[[T], Iterable[str]]) -> dict[str, T]:
-    """Return the values of a type and of all types below it, by name: the type, then the others in name order."""
+    """Return the values of a type and all types below it, by name: first the type, then the others in name order.
+
+    `get` returns the value of a type, `below` the names of the types that a value refers to.
+    """
     found: dict[str, T] = {}
     pending = [name]
     while pending:
@@ -79,13 +85,13 @@ def _closure(name: str, get: Callable[[str], T], below: Callable[[T], Iterable[s
 
 
 def rihs01(description: Description) -> str:
-    """Return the hash of a full description; default values have no influence."""
+    """Return the RIHS01 hash of a type description that includes the types it refers to; defaults do not count."""
     referenced = map(_hashed_text, description["referenced_type_descriptions"])
     return _hash(_hashed_text(description["type_description"]), referenced)
 
 
 def individual_descriptions(description: Description) -> dict[str, Description]:
-    """Return the descriptions of the single types in a full description by name, the main type first."""
+    """Return the descriptions of all types in a type description by name, the described type first."""
     every = [description["type_description"], *description["referenced_type_descriptions"]]
     return {one["type_name"]: one for one in every}
 
@@ -101,7 +107,7 @@ def _hash(top: str, referenced: Iterable[str]) -> str:
 
 
 class TypeHasher:
-    """RIHS01 hashes of types that refer to each other; the text of each type is made once."""
+    """RIHS01 hashes of types that refer to each other; the hashed text of each type is made only once."""
 
     def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
@@ -109,7 +115,7 @@ class TypeHasher:
         self._hashes: dict[str, str] = {}
 
     def of(self, name: str) -> str:
-        """Return the hash of a type whose references all exist."""
+        """Return the RIHS01 hash of a type; all types that it refers to must exist."""
         if name not in self._hashes:
             (top, _), *others = _closure(name, self._text, lambda found: found[1]).values()
             self._hashes[name] = _hash(top, (text for text, _ in others))

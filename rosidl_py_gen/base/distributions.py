@@ -1,4 +1,4 @@
-"""ROS 2 distributions whose definitions are bundled, and the one that this process uses.
+"""ROS 2 distributions whose definitions are bundled, and the selection of the distribution that this process uses.
 
 A distribution is selected for a call (``distro=``), for a command (``--distro``), or for a process (ROS_DISTRO). The
 first two are explicit: definitions of that distribution precede definitions of AMENT_PREFIX_PATH and of installed
@@ -18,17 +18,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DISTRIBUTIONS = ("humble", "jazzy", "kilted", "lyrical")
-"""Names of the distributions, oldest first."""
+"""Names of the ROS 2 distributions whose definitions are bundled, oldest first."""
 DEFAULT = "jazzy"
-"""Distribution without a selection. Its definitions are stored in full, other distributions as differences."""
+"""Distribution that is used without a selection. Its definitions are stored in full, other distributions as
+differences."""
 ENVIRONMENT_VARIABLE = "ROS_DISTRO"
 _BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
-"""For each other distribution, the one that its stored differences are relative to."""
+"""Distribution to which the stored differences of each other distribution are relative."""
 _SAME_AS = {"rolling": "lyrical"}
 NAMES = (*DISTRIBUTIONS, *_SAME_AS)
-"""Names that select a distribution."""
+"""Names with which users can select a distribution."""
 _command_selections: list[str] = []
-"""Selections of `distribution_of_command`, the last one counts; tasks in several threads select the same."""
+"""Distributions that open blocks of `distribution_of_command` have selected; the last one counts. Tasks in several
+threads select the same."""
 _reported: set[str] = set()
 
 
@@ -41,11 +43,15 @@ class DistributionChoice(NamedTuple):
 
 _DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
 ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
-"""Environment variable with the value of ROS_DISTRO that `rosidl-py run` or a setup script of a prefix has set."""
+"""Environment variable with the value that `rosidl-py run` or a setup script of a prefix has set ROS_DISTRO to."""
 
 
 def checked_distribution(name: str) -> str:
-    """Return a distribution in lower case, the newest for ``rolling``; raises `UnknownDistributionError`."""
+    """Return a distribution's name in lower case, with ``rolling`` replaced by the newest distribution.
+
+    Raises:
+        UnknownDistributionError: the definitions of the distribution are not bundled.
+    """
     found = _find(name) if isinstance(name, str) else None
     if found is None:
         text = f"no definitions of the ROS distribution {printable(repr(name), 60)}; expected {_expected()}"
@@ -54,7 +60,7 @@ def checked_distribution(name: str) -> str:
 
 
 def selected(distro: str | None = None) -> DistributionChoice:
-    """Return the distribution of a call: `distro`, else the command's, else ROS_DISTRO, else the default.
+    """Return the distribution that a call uses: `distro`, else the command's, else ROS_DISTRO, else the default.
 
     Raises:
         UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.
@@ -77,12 +83,15 @@ def selected(distro: str | None = None) -> DistributionChoice:
 
 
 def is_selected_since(distro: str) -> bool:
-    """Return True if `selected` without an argument is a distribution or a later one."""
+    """Return True if the distribution that this process uses is `distro` or a later one."""
     return DISTRIBUTIONS.index(selected().name) >= DISTRIBUTIONS.index(distro)
 
 
 def command_distribution() -> str | None:
-    """Return the distribution of `distribution_of_command`; outside of it None, or "" if ROS_DISTRO has the default."""
+    """Return the distribution that `distribution_of_command` selected; without it None.
+
+    Returns "" if ROS_DISTRO has the value that `rosidl-py run` or a setup script of a prefix has set.
+    """
     if _command_selections:
         return _command_selections[-1]
     return "" if os.environ.get(ENVIRONMENT_VARIABLE) == os.environ.get(ASSUMED_VARIABLE, "") else None
@@ -90,7 +99,7 @@ def command_distribution() -> str | None:
 
 @contextmanager
 def distribution_of_command(distro: str) -> Iterator[None]:
-    """Select a distribution explicitly for all calls without ``distro=`` inside the block."""
+    """Select a distribution for all calls without ``distro=`` inside the block, as a command's option ``--distro``."""
     name = checked_distribution(distro)
     _command_selections.append(name)
     try:
@@ -100,7 +109,7 @@ def distribution_of_command(distro: str) -> Iterator[None]:
 
 
 def layers(distro: str) -> list[str]:
-    """Return the distributions whose stored differences lead from the default to a distribution, in order."""
+    """Return the distributions whose stored differences, applied in order, lead from the default to a distribution."""
     found: list[str] = []
     while distro != DEFAULT:
         found.insert(0, distro)

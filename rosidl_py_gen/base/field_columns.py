@@ -1,4 +1,4 @@
-"""Columns of messages: a function for the value of each path of fields, with the kind of its numbers.
+"""Columns of messages for tables: a function that returns the value of a field path, with the kind of its numbers.
 
 Paths are ``pose.position.x``, ``position[1]``, a slice ``ranges[0:10]``, all ``ranges[:]``, and the same for lists of
 messages: ``transforms[0].transform.translation.x``.
@@ -22,27 +22,27 @@ if TYPE_CHECKING:
 
 Get: TypeAlias = "Callable[[Any], Any]"
 Op: TypeAlias = "str | Get"
-"""Name of an attribute, or a function of a value."""
+"""Operation on a value: the name of an attribute to read, or a function."""
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _TIME_FIELDS = [("sec", "int32"), ("nanosec", "uint32")]
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
 VARIABLE_LENGTH = -1
-"""Length of sequences."""
+"""Value of a column's `length` for sequences, whose length varies."""
 MAX_COLUMNS = 10_000
 _MAX_LISTED_NAMES = 500
 
 
 class FieldPathError(RosidlError, ValueError):
-    """Raised for a path that is not one of the class; the text names its columns."""
+    """Error of a field path that a message class does not have; the text names the valid columns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column of a table.
+    """Column of a table, made from a field path.
 
     Attributes:
-        get: returns the value of a message; raises IndexError if a sequence is too short.
-        kind: numpy's letter; ``U`` for text.
+        get: returns the value in a message; raises IndexError if a sequence is too short.
+        kind: type of the values: a numpy type name or code; ``U`` for text.
         length: number of values in a row: None for a single value, `VARIABLE_LENGTH` if it varies.
         is_time: the value is the nanoseconds of a Time or Duration.
     """
@@ -55,13 +55,16 @@ class Column:
 
 
 def is_time(cls: type[Any]) -> bool:
-    """Return True for Time and Duration; a bag may contain other definitions of these names."""
+    """Return True for the classes of Time and Duration; a bag may contain other definitions with these names."""
     info = cls._TYPE
     return info.name in _TIMES and [(one.ros_name, str(one.type)) for one in info.fields] == _TIME_FIELDS
 
 
 def message_columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
-    """Return the columns of paths, or of all numbers, texts and times outside of arrays; raises `FieldPathError`."""
+    """Return the columns of field paths; None means all numbers, texts and times outside of arrays.
+
+    Raises `FieldPathError` if a path does not exist.
+    """
     if fields is None:
         columns = list(islice(_scalar_columns(cls, "", []), MAX_COLUMNS + 1))
         if len(columns) > MAX_COLUMNS:
@@ -72,7 +75,7 @@ def message_columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column
 
 
 def _scalar_columns(cls: type[Any], path: str, ops: list[Op], length: int | None = None) -> Iterator[Column]:
-    """Yield columns of all numbers, texts and times, except those in arrays."""
+    """Yield the columns of all numbers, texts and times in a message class, except those in arrays."""
     for field in cls._TYPE.fields:
         if field.type.arity is Arity.SCALAR:
             yield from _value_columns(field, f"{path}{field.ros_name}", [*ops, field.py_name], length)
@@ -130,7 +133,10 @@ def _index(field: Any, index: int, here: str) -> Get:
 
 
 def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
-    """Add a slice to `ops`; return the number of elements of a row, or `VARIABLE_LENGTH`."""
+    """Append a slice of an array or sequence to `ops`; return the elements in a row, or `VARIABLE_LENGTH`.
+
+    Raises `FieldPathError` if the slice ends after a fixed array.
+    """
     start, stop = (int(text) if text else None for text in (match[3], match[4]))
     if field.type.arity is Arity.ARRAY:
         begin, end, _ = slice(start, stop).indices(field.type.capacity)
@@ -145,7 +151,7 @@ def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
 
 
 def _combined(ops: list[Op]) -> Get:
-    """Combine operations; those after a slice, the only `itemgetter`, apply to each of its elements."""
+    """Return one function for a chain of operations; operations after a slice (`itemgetter`) apply to each element."""
     at = next((number for number, op in enumerate(ops, 1) if isinstance(op, itemgetter)), len(ops))
     before, behind = _chain(ops[:at]), ops[at:]
     if not behind:
@@ -155,7 +161,7 @@ def _combined(ops: list[Op]) -> Get:
 
 
 def _chain(ops: list[Op]) -> Get:
-    """Combine operations; consecutive attributes use one `attrgetter`, the most frequent case."""
+    """Return one function for a chain of operations without slices; consecutive attributes use one `attrgetter`."""
     steps: list[Get] = []
     for is_name, group in groupby(ops, lambda op: isinstance(op, str)):
         names: list[Any] = list(group)

@@ -1,7 +1,7 @@
-"""Types of fields, and the tables of primitives and type ids (docs/internals/protocol.md 1.1 and 3.2).
+"""Types of message fields, and the tables of primitives and type ids.
 
 The text of a type is written as in a .msg file, with full names, such as ``float64[36]``, ``string<=8[<=3]`` or
-``geometry_msgs/msg/Point[]``. Generated classes contain it.
+``geometry_msgs/msg/Point[]``. Generated classes contain this text. Source: docs/internals/protocol.md 1.1 and 3.2.
 """
 
 from __future__ import annotations
@@ -14,7 +14,15 @@ from typing import NamedTuple
 
 
 class Primitive(NamedTuple):
-    """A primitive type: struct code, bytes (also its alignment), rosidl type id, numpy name, Python type."""
+    """Primitive type of a field.
+
+    Attributes:
+        code: struct code.
+        size: size and alignment in bytes.
+        type_id: id of the type in type descriptions.
+        numpy: name of the numpy type.
+        python: name of the Python type.
+    """
 
     code: str
     size: int
@@ -49,11 +57,14 @@ INTEGER_RANGES: dict[str, tuple[int, int]] = {
     **{code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for code, bits in zip("bhiq", (8, 16, 32, 64), strict=True)},
     **{code: (0, 2**bits - 1) for code, bits in zip("BHIQ", (8, 16, 32, 64), strict=True)},
 }
-"""Minimum and maximum by struct code."""
+"""Minimum and maximum of integers by struct code."""
 
 
 class Arity(Enum):
-    """Number of values of a field; the value is the offset of the type id (docs/internals/protocol.md 3.2)."""
+    """Kinds of fields by their number of values; the value is added to the type id in type descriptions.
+
+    Source: docs/internals/protocol.md 3.2.
+    """
 
     SCALAR = 0
     ARRAY = 48
@@ -63,7 +74,7 @@ class Arity(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """The type of one field.
+    """Type of one message field.
 
     Attributes:
         base: a key of PRIMITIVES, ``string``, ``wstring``, or a full interface name ``pkg/msg/Name``.
@@ -91,7 +102,7 @@ class FieldType:
 
     @property
     def element(self) -> FieldType:
-        """Type of one element of an array or sequence."""
+        """Type of one element of the array or sequence."""
         return FieldType(self.base, string_bound=self.string_bound)
 
     def __str__(self) -> str:
@@ -102,7 +113,8 @@ class FieldType:
     def description(self) -> dict[str, int | str]:
         """Return the `type` of a field in a type description (docs/internals/protocol.md 3.2).
 
-        The description of one type by rosidl is wrong and must be matched (1.7).
+        The description that rosidl makes of an unbounded sequence of bounded wstrings is wrong, and is matched here
+        (1.7).
         """
         arity, capacity = self.arity, self.capacity
         if self.base == "wstring" and self.string_bound and arity is Arity.UNBOUNDED:
@@ -127,7 +139,7 @@ _TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCI
 
 @lru_cache(maxsize=4096)
 def parse_field_type(text: str) -> FieldType:
-    """Return the type of a text of ``str(FieldType)`` in generated code, which is trusted."""
+    """Return the type that a text in generated code (``str(FieldType)``) stands for; the text is trusted."""
     match = _TEXT.match(text)
     assert match is not None, text
     base, bound, upper, size = match.groups()

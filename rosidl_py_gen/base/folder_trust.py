@@ -21,13 +21,14 @@ PRIVATE = 0o700
 """Mode of folders that other users can neither read nor enter."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _MAX_LINKS = 40
-"""Maximum number of symbolic links on a path, as in Linux."""
+"""Maximum number of symbolic links that are followed on a path, as in Linux."""
 _MAX_ENTRIES = 200_000
-"""Maximum number of checked entries of a folder, of which each takes about 5 us; a prefix of 100 packages has 3 000."""
+"""Maximum number of entries that are checked in a folder. An entry takes about 5 us; a prefix of 100 packages has 3 000
+entries."""
 
 
 def distrust_reason(path: str | os.PathLike[str]) -> str:
-    """Return why other users can replace a folder or change its entries; an empty text if they cannot.
+    """Return why other users can replace a folder or change its entries; "" if they cannot.
 
     The end of the path may not exist. A group whose only member is the user is accepted, because some systems make all
     folders writable for such a group.
@@ -36,7 +37,7 @@ def distrust_reason(path: str | os.PathLike[str]) -> str:
 
 
 def resolve_trusted(path: str | os.PathLike[str]) -> tuple[str, str]:
-    """Return what `distrust_reason` returns, and the path without links as far as it was checked."""
+    """Return the result of `distrust_reason` for a path, and the path with links resolved as far as it was checked."""
     place = os.fspath(path)
     if not hasattr(os, "geteuid"):
         return "", os.path.realpath(place)
@@ -75,7 +76,7 @@ def resolve_trusted(path: str | os.PathLike[str]) -> tuple[str, str]:
 
 
 def own_folder_reason(folder: str | os.PathLike[str]) -> str:
-    """Return why a folder is not a folder of the user alone, writable for no group; empty also if it does not exist."""
+    """Return why a folder is not owned by the user, or writable for others; "" if it is not, or does not exist."""
     if not hasattr(os, "geteuid"):
         return ""
     try:
@@ -88,7 +89,7 @@ def own_folder_reason(folder: str | os.PathLike[str]) -> str:
 
 
 def part_reason(path: str | os.PathLike[str], *, is_folder: bool, root: str | os.PathLike[str] = "") -> str:
-    """Return why another user may have created a file or folder or can change it; empty also if it does not exist.
+    """Return why another user may have created, or can change, a file or folder; "" if not, or if it does not exist.
 
     The folders above are not checked. A folder must not be a link. Each file that a link leads to must be trusted.
 
@@ -127,7 +128,7 @@ def part_reason(path: str | os.PathLike[str], *, is_folder: bool, root: str | os
 
 
 def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: bool) -> str:
-    """Return why an entry of a folder, at any depth, may be from another user; empty if there is no such entry.
+    """Return why an entry of a folder, at any depth, may be from another user; "" if there is no such entry.
 
     Args:
         accepts_private_group: entries may be writable for a group whose only member is the user.
@@ -157,13 +158,13 @@ def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: boo
 
 
 def is_own(found: os.stat_result) -> bool:
-    """Return True if a file or folder belongs to the user, and no group and no other user can write into it."""
+    """Return True if a file with this status belongs to the user, and no group or other user can write into it."""
     is_link = stat.S_ISLNK(found.st_mode)  # the mode of a link has no meaning
     return found.st_uid == os.geteuid() and (is_link or not found.st_mode & _OTHERS)
 
 
 def make_folder(folder: Path, mode: int = PRIVATE) -> None:
-    """Create a folder and its missing parents. The user can use the folders with any umask.
+    """Create a folder and its missing parents, which the user can use with any umask.
 
     The umask may remove permissions of groups and other users from `mode`, and nothing adds any.
     """
@@ -178,7 +179,7 @@ def make_folder(folder: Path, mode: int = PRIVATE) -> None:
 
 
 def _kind_reason(path: str | os.PathLike[str], found: os.stat_result) -> str:
-    """Return why a path is not a folder."""
+    """Return why a path is not a real folder (a link, or a file); "" for a folder."""
     if stat.S_ISLNK(found.st_mode):
         return f"{os.fspath(path)} is a symbolic link"
     return "" if stat.S_ISDIR(found.st_mode) else f"{os.fspath(path)} is not a folder"
@@ -195,7 +196,7 @@ def _is_trusted(place: str, found: os.stat_result, *, accepts_sticky: bool = Tru
 
 
 def _has_access_list(place: str) -> bool:
-    """Return True if a file has an access list, which may let single users write where the mode names the group."""
+    """Return True if a file has an access list (ACL), which may let users write where the mode names the group."""
     if not hasattr(os, "listxattr"):
         return False
     try:
@@ -205,7 +206,7 @@ def _has_access_list(place: str) -> bool:
 
 
 def is_private_group(number: int) -> bool:
-    """Return True for the group with the name of the user that has no other member."""
+    """Return True if a group has the user's name and no other member."""
     import grp
     import pwd
 

@@ -1,4 +1,4 @@
-"""SIGINT in the commands of this package: one or two signals end a command in an orderly way.
+"""Handling of SIGINT in the commands of this package: one or two signals let a command finish its clean-up.
 
 `timeout -s INT` and shells send SIGINT twice within milliseconds: to the process, and to its group. A user presses
 Ctrl-C again if a command takes long to end. Neither must interrupt the code that closes files and leaves the network.
@@ -22,8 +22,8 @@ from typing import Any
 BROKEN_PIPE = 141
 """Exit code that a shell reports for a program ended by SIGPIPE."""
 REPEAT_S = 0.4
-"""Time after a signal in which SIGINT is the same request. A larger value ignores a user who insists; with a smaller
-one, a second signal that a busy machine delivers late interrupts the shutdown."""
+"""Time after a SIGINT in which another SIGINT counts as the same request. A larger value ignores a user who insists;
+with a smaller one, a second signal that a busy machine delivers late interrupts the shutdown."""
 
 
 class CommandInterrupts:
@@ -33,8 +33,8 @@ class CommandInterrupts:
     with exit code 130, without a traceback.
 
     Attributes:
-        ignores_first: True while `run` is active, which has its own handler and passes a second signal to this one; and
-            after the command.
+        ignores_first: the first signal raises nothing. True while `run` is active, which has its own handler and passes
+            a second signal to this handler; and after the command.
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,10 @@ class CommandInterrupts:
 
     @contextlib.contextmanager
     def handling(self, is_process: bool) -> Iterator[None]:
-        """Install the handler for a block that runs the command, unless another program calls the command."""
+        """Handle SIGINT by this object inside a block that runs a command; do nothing if `is_process` is False.
+
+        `is_process` is True if this process was started for the command, not if a program calls the command.
+        """
         if not is_process:
             yield
             return
@@ -54,11 +57,11 @@ class CommandInterrupts:
             self.ignores_first = True
 
     def note(self) -> None:
-        """Record that another handler received the first signal."""
+        """Record that the first SIGINT was received now, by another handler."""
         self._first_s = time.monotonic()
 
     def repeat_ignored(self, unraisable: Any) -> None:
-        """Send SIGINT again if Python ignores its KeyboardInterrupt; this method is a `sys.unraisablehook`."""
+        """Send SIGINT again if Python has ignored its KeyboardInterrupt; this method is a `sys.unraisablehook`."""
         if unraisable.exc_type is not KeyboardInterrupt or os.name == "nt":  # there, `os.kill` ends the process
             sys.__unraisablehook__(unraisable)
             return
@@ -66,7 +69,7 @@ class CommandInterrupts:
         threading.Thread(target=_interrupt_again, args=(sys._getframe(),), daemon=True).start()
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal; raises KeyboardInterrupt for the first one."""
+        """Handle a SIGINT: raise KeyboardInterrupt for the first one, end the process for a late repetition."""
         if self._first_s is None:
             self.note()
             if not self.ignores_first:
@@ -79,7 +82,7 @@ class CommandInterrupts:
 
 
 def _interrupt_again(hook: FrameType) -> None:
-    """Send SIGINT when the main thread has left the hook, in which a KeyboardInterrupt would be ignored, too."""
+    """Send SIGINT when the main thread has left the function `hook`, which would ignore a KeyboardInterrupt, too."""
     from traceback import walk_stack  # slow to import
 
     while hook in (frame for frame, _ in walk_stack(sys._current_frames().get(threading.main_thread().ident or 0))):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 
 class Latch:
-    """Flag that is set once, for code that must run once although several threads may start it, such as `close`.
+    """Flag that can be set once, for code that must run once although several threads may start it, such as `close`.
 
-    It takes no lock, so a signal handler and a forked child may set it at any point. Thread: any.
+    The flag takes no lock, so a signal handler and a forked child may set it at any point. Thread: any.
     """
 
     __slots__ = ("_unset",)
@@ -15,7 +15,7 @@ class Latch:
         self._unset = [None]
 
     def set(self) -> bool:
-        """Set the flag; return True for the first call only."""
+        """Set the flag; return True only for the call that has set it."""
         try:
             self._unset.pop()  # atomic, also without the GIL; a test followed by an assignment is not
         except IndexError:

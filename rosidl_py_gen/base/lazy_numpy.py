@@ -1,7 +1,8 @@
-"""numpy, imported when one of its names is first used: it takes a quarter of the start of a small program.
+"""Stand-in for numpy that imports numpy at the first use of a name, as the import slows the start of small programs.
 
-``from rosidl_py_gen.base import lazy_numpy as np`` replaces ``import numpy as np``. As long as no module has imported
-numpy, no object is an array or a number of numpy; tests with `isinstance` and ``type(x) is`` do not import it then.
+The import takes a quarter of the start of a small program. ``from rosidl_py_gen.base import lazy_numpy as np`` replaces
+``import numpy as np``. As long as no module has imported numpy, no object is an array or a number of numpy; tests with
+`isinstance` and ``type(x) is`` do not import numpy then.
 
 Thread: any. Two threads may both import numpy: the second one waits for the first in the import.
 """
@@ -12,11 +13,11 @@ import gc
 import sys
 
 HAS_GIL = getattr(sys, "_is_gil_enabled", lambda: True)()
-"""False in a free-threaded Python that had not enabled the GIL when this module was imported."""
+"""False in a free-threaded Python whose GIL was disabled when this module was imported."""
 
 
 class _NoInstances:
-    """Stand-in for a class of numpy before numpy is imported."""
+    """Class without instances, which stands for a class of numpy until numpy is imported."""
 
 
 def __getattr__(name: str) -> object:

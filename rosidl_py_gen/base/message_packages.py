@@ -1,4 +1,4 @@
-"""Repositories of well-known message packages, for the texts of errors. Nothing is downloaded."""
+"""Table of repositories with well-known message packages, for error texts. Nothing is downloaded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TABLE_FILE = Path(__file__).with_name("message_packages.txt")
 
 @cache
 def package_rows() -> dict[str, list[str]]:
-    """Return repository, branches and packages by package; a file that cannot be read has none."""
+    """Return the row of each well-known package: repository, branches and packages; {} if the table cannot be read."""
     try:
         lines = TABLE_FILE.read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -23,10 +23,10 @@ def package_rows() -> dict[str, list[str]]:
 
 
 def download_note(package: str, distro: str) -> str:
-    """Return where a well-known package is, and the commands to get and use it; empty for an unknown package.
+    """Return where a well-known package is, and the commands to get and use it; "" for an unknown package.
 
-    If the package has no branch for the distribution, use the branch of the next older distribution, or else the next
-    newer.
+    If the package has no branch for the distribution, the branch of the next older distribution is named, or else of
+    the next newer.
     """
     row = package_rows().get(package)
     if row is None:

@@ -26,7 +26,7 @@ _CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII)
 _INTERFACE = re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII)
 _DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
 _MAX_DISPLAYED = 300
-"""Maximum characters of an invalid name in an error text."""
+"""Maximum characters of an invalid name that an error text quotes."""
 
 
 class RosName(NamedTuple):
@@ -41,7 +41,7 @@ class RosName(NamedTuple):
 
 
 def is_package_name(text: str) -> bool:
-    """Return True for a valid name of a package."""
+    """Return True for a valid name of a ROS package."""
     return _LOWER.match(text) is not None
 
 
@@ -49,12 +49,12 @@ is_field_name = is_package_name  # fields have the same rule
 
 
 def is_constant_name(text: str) -> bool:
-    """Return True for a valid name of a constant."""
+    """Return True for a valid name of a constant in an interface."""
     return _CONSTANT.match(text) is not None
 
 
 def is_interface_name(text: str) -> bool:
-    """Return True for a valid stem of a file, which may have the prefix ``Sample_`` and one derived suffix."""
+    """Return True for a valid file stem of an interface; a prefix ``Sample_`` and one derived suffix are allowed."""
     text = text.removeprefix("Sample_")
     for suffix in _DERIVED_SUFFIXES:
         text = text.removesuffix(suffix)
@@ -62,7 +62,11 @@ def is_interface_name(text: str) -> bool:
 
 
 def split_ros_name(text: str, default_kind: str = "") -> RosName:
-    """Split ``pkg/msg/Name``, or with a `default_kind` also ``pkg/Name``; raises `InvalidNameError`."""
+    """Return the components of ``pkg/msg/Name``; with a `default_kind` also of ``pkg/Name``.
+
+    Raises:
+        InvalidNameError: the text is not such a name, or a component is invalid.
+    """
     parts = text.split("/")
     if len(parts) == 2 and default_kind:
         parts.insert(1, default_kind)
@@ -93,7 +97,7 @@ def py_name(name: str) -> str:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean "x"?`` for the most similar known word, or an empty string."""
+    """Return ``; did you mean "x"?`` for the known word most similar to `word`, or "" if none is similar."""
     from difflib import get_close_matches  # slow to import
 
     word = word[:256]  # comparing costs the product of the lengths
@@ -102,9 +106,10 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def similar_name(name: str, known: Iterable[str]) -> str:
-    """Return `did_you_mean` for ROS names; the same name in another namespace is the most similar.
+    """Return ``; did you mean "x"?`` for the known ROS name most similar to `name`, or "" if none is similar.
 
-    At most 1000 names, and 256 characters of each, are compared.
+    The same name in another namespace is the most similar. At most 1000 names, and 256 characters of each, are
+    compared.
     """
     names = [one[:256] for one in islice(known, 1000) if one != name]
     below = f"/{name.strip('/')}"

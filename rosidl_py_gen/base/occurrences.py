@@ -1,13 +1,14 @@
-"""Choice of the occurrences of an event that are logged, where peers decide how often it occurs."""
+"""Rule for which occurrences of a repeated event are logged, if peers decide how often it occurs."""
 
 from __future__ import annotations
 
 MAX_FIRST = 10
-"""Occurrences that are all logged. A larger number of different causes is rare, such as programs on one topic."""
+"""Number of first occurrences that are all logged. It is rare that more different causes, such as programs on one
+topic, exist."""
 
 
 def is_logged(count: int) -> bool:
-    """Return True for the first `MAX_FIRST` occurrences, then for the 16th, 32nd, 64th and so on.
+    """Return True if the occurrence number `count` is to be logged: 1 to `MAX_FIRST`, then 16, 32, 64 and so on.
 
     A limit for each second would lose messages at the start of a program, when several causes are found at once.
     """

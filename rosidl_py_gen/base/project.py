@@ -1,5 +1,6 @@
-"""Project of a command: folders from ``[tool.rosidl-py]`` of pyproject.toml, and imports of generated packages in the
-current folder.
+"""Settings of a user's project for commands, and imports of generated packages in the current folder.
+
+The folders of packages are read from ``[tool.rosidl-py]`` of pyproject.toml.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _MAX_BYTES = 1 << 20
 
 
 class GeneratedPackages:
-    """Finds the generated message packages of one folder, but no other modules.
+    """Import finder for the generated message packages of one folder, and no other modules there.
 
     A folder on `sys.path` would also provide other modules, such as an optional dependency of a library, so a
     downloaded folder could run code in every command that is started in it.
@@ -48,7 +49,7 @@ class GeneratedPackages:
 
 @contextmanager
 def importable_current_folder() -> Iterator[None]:
-    """Make the generated packages of the current folder importable in a block, after all other packages."""
+    """Make the generated packages of the current folder importable inside the block, after all other packages."""
     try:
         finder = GeneratedPackages(os.getcwd())
     except OSError:  # it was deleted
@@ -62,13 +63,20 @@ def importable_current_folder() -> Iterator[None]:
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:
-    """Return the folders of ``--path``, then the folders of the project; raises `DefinitionError`."""
+    """Return the folders of the option ``--path``, then the folders that pyproject.toml lists.
+
+    Raises:
+        DefinitionError: pyproject.toml cannot be read, or its table is invalid.
+    """
     real = {os.path.realpath(path) for path in paths}
     return (*paths, *(path for path in _project_path() if os.path.realpath(path) not in real))
 
 
 def _project_path() -> list[str]:
-    """Return ``path`` of the first table ``[tool.rosidl-py]`` from the current folder upwards."""
+    """Return the folders in ``path`` of the nearest ``[tool.rosidl-py]``, searched from the current folder upwards.
+
+    Raises `DefinitionError` if the table is invalid.
+    """
     try:
         here = Path.cwd()
     except OSError:

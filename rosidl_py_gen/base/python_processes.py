@@ -1,4 +1,4 @@
-"""Commands of further Python processes."""
+"""Command lines of further Python processes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 
 
 def python_command(statements: str, *arguments: str) -> list[str]:
-    """Return a command that runs statements in a Python with the import path of this process.
+    """Return the command line of a Python process that runs statements with the import path of this process.
 
     With ``-m``, and with ``-c`` alone, the process would import modules of the current folder first, which are not
     trusted. The arguments are in ``sys.argv[1:]``.

@@ -1,4 +1,4 @@
-"""Files of the package that are not Python, and installation commands for its extras.
+"""Non-Python files of the package, and installation commands for its extras.
 
 In a wheel, `templates/` and `interfaces/` are inside the package; in a checkout (editable installation) next to it.
 """
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
 RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
-"""Environment variable with the prefix that ``rosidl-py run`` has added to AMENT_PREFIX_PATH."""
+"""Environment variable with the installation prefix that ``rosidl-py run`` has added to AMENT_PREFIX_PATH."""
 ENTRY_POINTS = "rosidl_py_gen.interfaces"
-"""Group of the entry points of installed packages with definitions; an entry point has its ROS package's name."""
+"""Entry point group of installed packages with interface definitions; an entry point has its ROS package's name."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAME = "rosidl-py-gen"
 _EXTRA_OF = {
@@ -45,18 +45,18 @@ _EXTRA_OF = {
     "osrf_pycommon": "launch",
     "packaging": "launch",
 }
-"""Modules that only extras install."""
+"""Modules that only an extra installs, each with its extra."""
 WITHOUT_WHEELS = {"lz4": (3, 15), "mcap": (3, 15), "zstandard": (3, 15)}
-"""Modules that extras do not install from a Python version on, because the package index has no wheels for it yet."""
+"""Modules that extras do not install, each with the first Python version without wheels for it in the package index."""
 
 
 def templates_dir() -> Path:
-    """Return the folder of the jinja2 templates."""
+    """Return the folder of the jinja2 templates of generated modules."""
     return _find("templates")
 
 
 def compiled_templates_dir() -> Path:
-    """Return the folder of the compiled templates, which only wheels have."""
+    """Return the folder of the compiled jinja2 templates, which exists only in wheels."""
     return _PACKAGE / "compiled_templates"
 
 
@@ -71,7 +71,7 @@ def _find(name: str) -> Path:
 
 
 def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
-    """Return the error for a missing module; None if no extra installs it."""
+    """Return the error, with the installation command, for a failed import; None if no extra installs the module."""
     name = (error.name or "").partition(".")[0]
     if name not in _EXTRA_OF:
         return None
@@ -89,7 +89,7 @@ def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
 
 
 def require_modules(*modules: str) -> None:
-    """Raise `ExtraMissingError` for the first missing module.
+    """Raise `ExtraMissingError` for the first of the modules that is not installed.
 
     A feature that needs several extras requires the module of the extra that includes the others.
     """
@@ -101,7 +101,7 @@ def require_modules(*modules: str) -> None:
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs an extra from the origin of this package: a folder, a wheel, a URL or an index.
+    """Return the command that installs an extra from this package's own origin: a folder, a wheel, a URL or an index.
 
     If the origin does not exist any more, the command installs the requirements of the extra.
     """
@@ -122,7 +122,7 @@ def install_command(extra: str) -> str:
 
 
 def _from_url(origin: dict[str, Any], extra: str) -> str:
-    """Return the command for an origin (PEP 610); empty if it does not exist any more."""
+    """Return the command that installs an extra from a recorded origin (PEP 610); "" if it does not exist."""
     import shlex
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
@@ -141,7 +141,7 @@ def _from_url(origin: dict[str, Any], extra: str) -> str:
 
 
 def _requirements(found: Distribution | None, extra: str) -> list[str]:
-    """Return the requirements of an extra, and of the extras that it includes, from the metadata."""
+    """Return the requirements of an extra, and of the extras it includes, from the installed package's metadata."""
     import re
 
     needed = []

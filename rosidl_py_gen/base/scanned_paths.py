@@ -1,4 +1,4 @@
-"""Files and folders that a search has read, so that its result can be cached until one of them changes."""
+"""Record of the files and folders that a search has read, so that its result can be cached until one changes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from typing import Any
 
 Stamp = tuple[int, ...] | None
-"""Times of change in ns, inode, and size of a file or folder; None if it does not exist."""
+"""State of a file or folder: times of change in ns, inode, and size; None if it does not exist."""
 _stamps = ContextVar[dict[str, Stamp] | None]("stamps", default=None)
 
 
@@ -21,14 +21,14 @@ def stamp(path: str) -> Stamp:
 
 
 def note(path: str | os.PathLike[str]) -> None:
-    """Record a file or folder, which may be missing, before it is read."""
+    """Record the state of a file or folder, which may be missing, for a running `recorded`; call before reading it."""
     stamps = _stamps.get()
     if stamps is not None and (text := os.path.abspath(path)) not in stamps:
         stamps[text] = stamp(text)
 
 
 def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
-    """Return the stamps of all paths that a search notes in this thread, and its result."""
+    """Return the states of all paths that a search records by `note` in this thread, and the result of the search."""
     stamps: dict[str, Stamp] = {}
     token = _stamps.set(stamps)
     try:

@@ -9,7 +9,7 @@ NS_PER_S = 1_000_000_000
 
 
 class SecNanosec(Protocol):
-    """Protocol of builtin_interfaces/Time and Duration, of any class."""
+    """Protocol of the messages builtin_interfaces/Time and Duration, of any class."""
 
     sec: int
     nanosec: int
@@ -21,7 +21,7 @@ def stamp_ns(stamp: SecNanosec) -> int:
 
 
 def nanoseconds(time: Any) -> int:
-    """Return the nanoseconds of a `Time`, a Time message or a number; raises `TypeError` for another value."""
+    """Return the nanoseconds of a `Time` object, a Time message or an integer; raises `TypeError` for another value."""
     if hasattr(time, "nanoseconds"):
         return index(time.nanoseconds)
     try:
@@ -31,10 +31,10 @@ def nanoseconds(time: Any) -> int:
 
 
 def sec_nanosec(nanoseconds: int) -> tuple[int, int]:
-    """Return seconds rounded down, and the remaining nanoseconds, which are never negative."""
+    """Return nanoseconds as seconds, rounded down, and the remaining nanoseconds, which are never negative."""
     return divmod(nanoseconds, NS_PER_S)
 
 
 def set_stamp(stamp: SecNanosec, nanoseconds: int) -> None:
-    """Set a Time or Duration message to some nanoseconds."""
+    """Set the fields of a Time or Duration message to a number of nanoseconds."""
     stamp.sec, stamp.nanosec = sec_nanosec(nanoseconds)

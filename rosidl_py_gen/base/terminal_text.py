@@ -1,4 +1,4 @@
-"""Text and JSON for terminals, made of untrusted data.
+"""Printable text and JSON for terminals, made from untrusted data.
 
 Commands print only text of these functions or of `errors.printable`: text of peers, of definition files and of
 recordings could otherwise control a terminal, or reorder its output.
@@ -17,13 +17,16 @@ _SPECIAL = re.compile("[^\n -~]")
 
 
 def printable_lines(text: str) -> str:
-    """Return the text without characters that control a terminal, except line breaks and tabs."""
+    """Return the text with U+FFFD for characters that control a terminal, except line breaks and tabs."""
     lines = text.replace("\r\n", "\n").split("\n")
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
 
 
 def printable_line(text: str) -> str:
-    r"""Return the text as one line: line breaks and tabs become ``\n``, ``\r`` and ``\t``, the rest is `printable`."""
+    r"""Return the text as one printable line: line breaks and tabs become ``\n``, ``\r`` and ``\t``.
+
+    Other characters that control a terminal become U+FFFD.
+    """
     return printable(text.replace("\n", "\\n").replace("\r", "\\r").replace("\t", "\\t"))
 
 
@@ -45,7 +48,7 @@ def json_text(data: Any, *, indent: int | None = None) -> str:
 
 
 def json_value(value: Any) -> Any:
-    """Return a plain value with NaN and the infinities as strings."""
+    """Return a plain value (dicts, lists, scalars) with NaN and the infinities as strings, as JSON has none."""
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""TOML of untrusted files, read in time that is linear in its size."""
+"""Parser of TOML in untrusted files, in time that is linear in their size."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import sys
 from typing import Any
 
 _MAX_DOTS = 300
-"""Maximum number of dots in a line: the time of `tomllib` is quadratic in the number of parts of a key."""
+"""Maximum number of dots in a line of TOML: the time of `tomllib` is quadratic in the number of parts of a key."""
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the tables of a text; raises ValueError."""
+    """Return the tables of a TOML text; raises ValueError for invalid or too deeply nested text."""
     if sys.version_info >= (3, 11):
         import tomllib
     else:

@@ -25,7 +25,7 @@ def set_result_if_pending(future: asyncio.Future[T], result: T) -> None:
 
 
 def complete_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
-    """Complete a future with a result or an error, unless it is done or its loop is closed. Thread: any."""
+    """Complete a future with a result, or `error` if given, unless it is done or its loop is closed. Thread: any."""
     loop = future.get_loop()
     if loop is not current_loop():
         with contextlib.suppress(RuntimeError):  # the loop is closed
@@ -35,7 +35,7 @@ def complete_threadsafe(future: asyncio.Future[Any], result: object, error: Base
 
 
 class Waiters:
-    """Tasks that wait for a predicate, in order of arrival; a condition variable across event loops and threads.
+    """Condition variable across event loops and threads: tasks wait in order of arrival for a predicate.
 
     A waiter appends its future and then checks the predicate again: a change that another thread makes after the first
     check either is seen by the second check or finds the future. The caller of `wake` changes the state first.
@@ -47,7 +47,7 @@ class Waiters:
         self._futures: deque[asyncio.Future[None]] = deque()
 
     def __bool__(self) -> bool:
-        """Return True if a task waits."""
+        """Return True if at least one task waits."""
         while True:
             try:
                 return any(not future.done() for future in self._futures)
@@ -55,9 +55,10 @@ class Waiters:
                 continue
 
     async def wait(self, predicate: Callable[[], object], timeout_s: float | None = None) -> bool:
-        """Wait until a predicate, which is checked at once and after each `wake`, is true; False after the timeout.
+        """Wait until a predicate is true, and return True; return False after the timeout.
 
-        The timeout is one `call_later` without a task; with a timeout of 0 the loop runs one iteration.
+        The predicate is checked at once and after each `wake`. The timeout is one `call_later` without a task; with a
+        timeout of 0 the loop runs one iteration.
         """
         loop = asyncio.get_running_loop()
         is_over = False
@@ -88,7 +89,7 @@ class Waiters:
                 timer.cancel()
 
     def wake(self) -> None:
-        """Wake up all waiters, so that they check their predicates again. Thread: any."""
+        """Wake up all waiting tasks, so that they check their predicates again. Thread: any."""
         futures = self._futures
         if not futures:
             return

@@ -1,4 +1,4 @@
-"""XML of untrusted files as a tree of elements that know their lines.
+"""Reader of XML in untrusted files, as a tree of elements that know their lines.
 
 Document types, and so entities, are refused; the size of a file and the depth of its elements are limited.
 """
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 COMMENT = "!comment"
-"""Tag of a comment, whose text is in `XmlElement.text`."""
+"""Value of `XmlElement.tag` for a comment, whose text is in `XmlElement.text`."""
 MAX_FILE_BYTES = 1 << 20
-"""Maximum size of one file. The largest policies in public repositories have some 100 kB."""
+"""Default maximum bytes of an XML file. The largest security policies in public repositories have some 100 kB."""
 _MAX_DEPTH = 32
-"""Maximum depth of elements; policies have 6, robot descriptions 12, and metadata of any depth."""
+"""Maximum depth of elements; security policies have 6, robot descriptions 12, and metadata any depth."""
 _MAX_ELEMENTS = 100_000
-"""Maximum number of elements and comments of one file, which limits the memory that small elements take."""
+"""Maximum number of elements and comments in an XML file, which limits the memory that small elements take."""
 _DECLARATION = re.compile(r"\A\s*<\?xml\b[^>]*\?>")
 
 
 @dataclass(frozen=True, slots=True)
 class XmlSource:
-    """File that elements were read from; `lines` has the source line of a diagnostic."""
+    """XML file from which elements were read; `lines` has the source lines for diagnostics."""
 
     path: str
     lines: tuple[str, ...] = ()
@@ -42,11 +42,11 @@ class XmlSource:
 
 @dataclass(slots=True)
 class XmlElement:
-    """Element or comment of a file.
+    """Element or comment of an XML file.
 
     Attributes:
         tag: name; with a namespace ``{URI}name``.
-        attributes: values by name, which has the form of `tag`.
+        attributes: values by name; a name has the form of `tag`.
         text: character data directly in the element, without the text of its children.
         line: 1-based line of the start tag; 0 for an element that is not from a file.
     """
@@ -61,7 +61,7 @@ class XmlElement:
 
     @property
     def elements(self) -> Iterator[XmlElement]:
-        """Children that are not comments."""
+        """Child elements, without comments."""
         return (child for child in self.children if child.tag != COMMENT)
 
     def diagnostic(self, text: str) -> Diagnostic:
@@ -72,14 +72,24 @@ class XmlElement:
 
 
 def read_xml(path: str) -> XmlElement:
-    """Return the root element of a file; raises `DefinitionError`, also for a document type."""
+    """Return the root element of an XML file.
+
+    Raises:
+        DefinitionError: the file cannot be read, is not XML, exceeds a limit, or has a document type.
+    """
     data = read_file(path)
     lines = data.decode("utf-8", "replace").split("\n")
     return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
 
 
 def parse_fragment(text: str, path: str) -> XmlElement:
-    """Return an element of all that is in a text, whose names keep their prefixes; raises `DefinitionError`."""
+    """Return an element that contains all elements of an XML text; names keep their namespace prefixes.
+
+    `path` is for errors.
+
+    Raises:
+        DefinitionError: the text is not XML, exceeds a limit, or has a document type.
+    """
     # Keep line and column numbers: blank out the declaration and feed our own first line.
     content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
@@ -87,7 +97,7 @@ def parse_fragment(text: str, path: str) -> XmlElement:
 
 
 def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """Return the content of a regular file; raises `DefinitionError`."""
+    """Return the content of a regular file; raises `DefinitionError` if it cannot be read or is too large."""
     source = XmlSource(display_path(path))
     try:
         # A FIFO without a writer would block without O_NONBLOCK.
@@ -109,7 +119,7 @@ def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 
 
 class _TreeBuilder:
-    """Handlers of an expat parser that build the tree of one file."""
+    """Builder of the tree of one XML file, whose methods are handlers of an expat parser."""
 
     def __init__(self, source: XmlSource, *, is_fragment: bool = False) -> None:
         self._source = source
@@ -181,7 +191,7 @@ def _clark_name(name: str) -> str:
 
 
 def escape(text: str, *, is_attribute: bool = False) -> str:
-    """Return a text for XML, between tags or in double quotes."""
+    """Return a text with special characters escaped for XML, between tags or as an attribute in double quotes."""
     text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     if is_attribute:
         for character, reference in (('"', "&quot;"), ("\n", "&#10;"), ("\r", "&#13;"), ("\t", "&#9;")):

@@ -36,14 +36,14 @@ else:
     _PyYamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 MAX_BYTES = 1 << 26
-"""Default size limit of a text, in bytes. rosbag2 writes about 250 bytes for each file and topic of a bag."""
+"""Default maximum bytes of a YAML text. rosbag2 writes about 250 bytes for each file and topic of a bag."""
 MAX_VALUES = 1_000_000
-"""Maximum number of keys, values, lists and mappings of a text: PyYAML needs about 600 bytes for each."""
+"""Maximum number of keys, values, lists and mappings in a YAML text: PyYAML needs about 600 bytes for each."""
 MAX_LEVELS = 100
-"""Maximum depth of lists and mappings: each level takes about 500 bytes of a thread's stack."""
+"""Maximum depth of lists and mappings in a YAML text: each level takes about 500 bytes of a thread's stack."""
 _MAX_DIRECTIVES = 20
 UNTAGGED = "!untagged"
-"""Tag of scalars without a tag in `compose_yaml`; their `style` tells plain, quoted and block scalars apart."""
+"""Tag that `compose_yaml` gives to scalars without a tag; their `style` tells plain, quoted and block scalars apart."""
 _TAG = "tag:yaml.org,2002:"
 STRING = f"{_TAG}str"
 _INT, _FLOAT = f"{_TAG}int", f"{_TAG}float"
@@ -59,7 +59,7 @@ _NULL = re.compile(r"(?:~|null|Null|NULL|)\Z")
 
 
 class YamlError(RosidlError, ValueError):
-    """A text is not YAML, or exceeds a limit; `place` is line and column as ``3:5``, empty if unknown."""
+    """Error of a text that is not YAML, or exceeds a limit; `place` is line and column as ``3:5``, empty if unknown."""
 
     def __init__(self, problem: str, mark: Any = None) -> None:
         self.problem = problem[:300]
@@ -67,25 +67,25 @@ class YamlError(RosidlError, ValueError):
         super().__init__(f"{self.place}: {self.problem}" if self.place else self.problem)
 
     def at(self, name: str) -> str:
-        """Return the text of the error for a file, with the place behind the file's name."""
+        """Return the error's text for a named file, with line and column after the file's name."""
         return f"{name}:{self}" if self.place else f"{name}: {self}"
 
 
 class _Loader(_PyYamlLoader):
-    """Loader of `load_yaml`."""
+    """PyYAML loader that `load_yaml` uses."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own name)
     number: Callable[[str], Any]
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Merge ``<<``, then make every key a text."""
+        """Merge ``<<`` entries into a mapping, then convert every key to text."""
         if sum(key.tag == _MERGE for key, _ in node.value) > 1:  # PyYAML takes quadratic time for many
             raise yaml.MarkedYAMLError(problem="expected one <<, got more", problem_mark=node.start_mark)
         super().flatten_mapping(node)
         node.value = [(_as_text(key), value) for key, value in node.value]
 
     def construct_number(self, node: yaml.ScalarNode) -> Any:
-        """Return the value of a number, tagged ones included."""
+        """Return the value of a number, also of one with a tag such as ``!!int``."""
         text = self.construct_scalar(node)
         if len(text) > _MAX_NUMBER:
             raise yaml.MarkedYAMLError(problem=f"expected a number, got {text[:50]!r}", problem_mark=node.start_mark)
@@ -93,7 +93,7 @@ class _Loader(_PyYamlLoader):
 
 
 class _RclpyLoader(_Loader):
-    """Loader of `load_yaml` for rclpy programs: the scalars of ``yaml.safe_load``."""
+    """PyYAML loader that `load_yaml` uses for rclpy programs: scalars are converted as by ``yaml.safe_load``."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
@@ -104,14 +104,14 @@ class _RclpyLoader(_Loader):
 
 
 class _TreeLoader(_PyYamlLoader):
-    """Loader of `compose_yaml`: resolves no scalar."""
+    """PyYAML loader that `compose_yaml` uses: all untagged scalars get the tag `UNTAGGED`."""
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
         return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
 
 
 class _AnchorLoader(_TreeLoader):
-    """Loader of `compose_yaml` that ignores anchors."""
+    """PyYAML loader that `compose_yaml` uses to ignore anchors instead of refusing them."""
 
 
 def _add_resolvers() -> None:
@@ -151,7 +151,7 @@ def load_yaml(
     number: Callable[[str], Any] = _as_number,
     like_rclpy: bool = False,
 ) -> Any:
-    """Return the value of a text; None for an empty one.
+    """Return the value of a YAML text; None for an empty text.
 
     Args:
         text: bytes are decoded as UTF-8.
@@ -174,9 +174,9 @@ def load_yaml(
 def compose_yaml(
     text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
 ) -> yaml.Node | None:
-    """Return the tree of a text without aliases, and without anchors unless `anchors` is set; None for an empty one.
+    """Return the node tree of a YAML text, in which scalars are not converted; None for an empty text.
 
-    Scalars without a tag have the tag `UNTAGGED`, whatever they look like.
+    Scalars without a tag have the tag `UNTAGGED`, whatever they look like. With `anchors`, anchors are ignored.
 
     Raises:
         YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.
@@ -187,7 +187,7 @@ def compose_yaml(
 
 
 def yaml_events(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> Iterator[yaml.Event]:
-    """Yield the events of all documents of a text. Anchors are ignored; the tag of an untagged scalar is None.
+    """Yield the events of all documents in a YAML text. Anchors are ignored; the tag of an untagged scalar is None.
 
     Raises:
         YamlError: the text is not YAML, exceeds a limit, or has aliases. Events before the place were yielded.
@@ -210,7 +210,7 @@ def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, re
 
 
 def _decoded(text: str | bytes, max_bytes: int) -> str:
-    """Return the text, whose size and directives are checked."""
+    """Return a YAML text decoded from bytes; raise `YamlError` if its size or its directives exceed a limit."""
     if len(text) > max_bytes:
         raise YamlError(f"{len(text)} bytes; expected at most {max_bytes}")
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
@@ -221,7 +221,7 @@ def _decoded(text: str | bytes, max_bytes: int) -> str:
 
 @contextlib.contextmanager
 def _yaml_errors() -> Iterator[None]:
-    """Convert errors of PyYAML to `YamlError`."""
+    """Raise errors of PyYAML in the block as `YamlError`."""
     try:
         yield
     except yaml.MarkedYAMLError as error:
@@ -239,7 +239,10 @@ def _yaml_errors() -> Iterator[None]:
 
 
 def _checked_events(text: str, loader: Any, max_levels: int) -> Iterator[yaml.Event]:
-    """Yield events; raise `YamlError` for more levels or values than the limits, aliases written out."""
+    """Yield the parsing events of a YAML text; raise `YamlError` for more levels or values than the limits.
+
+    Values behind aliases count each time.
+    """
     open_counts = [0.0]
     open_anchors: list[str | None] = []
     anchors: dict[str | None, float] = {}

@@ -1,6 +1,6 @@
 """Run-time support of generated code: base classes, CDR codec, lazy packages (standard library and numpy only).
 
-Modules are loaded when a name is first used, so that importing a generated package is cheap.
+Each module is imported when one of its names is first used, so that importing a generated package is cheap.
 """
 
 from rosidl_py_gen.cdr.lazy import stub_exports

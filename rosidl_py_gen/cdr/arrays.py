@@ -1,8 +1,8 @@
-"""Numeric arrays and sequences: conversion of assigned values to bytes, and of bytes to numpy.
+"""Numeric arrays and sequences in messages: conversion of assigned values to bytes, and of bytes to numpy.
 
 The usual value, a one-dimensional numpy array of the right dtype, is recognised by three cheap tests and not copied.
-All others are converted strictly: a value that does not fit is an error, never a silent wrap-around. Only floats are
-rounded, to the precision of the field, as `struct` rounds.
+All other values are converted strictly: a value that does not fit is an error, never a silent wrap-around. Only floats
+are rounded, to the precision of the field, as `struct` rounds.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 
 class _Dtypes(dict[str, "np.dtype[Any]"]):
-    """Dictionary that is filled when numpy is first needed. Thread: any; all threads store the same singletons."""
+    """Dictionary of numpy dtypes by struct code, filled when numpy is first needed. Thread: any; all store the same."""
 
     def __missing__(self, code: str) -> np.dtype[Any]:
         found = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}
@@ -37,12 +37,16 @@ class _Dtypes(dict[str, "np.dtype[Any]"]):
 
 
 DTYPES = _Dtypes()
-"""Dtypes by struct code. On little-endian hosts, the only ones that `support` accepts, they are numpy's native
-singletons; therefore the tests with `is` below are correct."""
+"""Numpy dtypes by struct code. On little-endian hosts, the only ones that `support` accepts, they are numpy's native
+singletons; therefore tests of a dtype with `is` are correct."""
 
 
 class FieldValueError(RosidlError, ValueError):
-    """A value does not fit; raised where the field is not known. `suffix` is the index of an element in brackets."""
+    """Error of a value that does not fit its field, raised by code that does not know the name of the field.
+
+    Attributes:
+        suffix: index of the wrong element in brackets; "" for the whole value.
+    """
 
     def __init__(self, reason: str, index: int | None = None) -> None:
         self.reason = reason
@@ -61,10 +65,10 @@ def short_repr(value: object, width: int = 80) -> str:
 
 
 def coerce(value: object, code: str) -> Array:
-    """Return any value that a numeric array field accepts as a contiguous one-dimensional array of the wire dtype.
+    """Return a value for a numeric array field as a contiguous one-dimensional array of the wire dtype.
 
     Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers. Raises
-    `FieldValueError`.
+    `FieldValueError` for any other value, or a number that does not fit.
     """
     if isinstance(value, (bytes, bytearray)):
         if code not in "Bb":
@@ -85,7 +89,10 @@ def coerce(value: object, code: str) -> Array:
 
 
 def cast(value: Array, code: str) -> Array:
-    """Return a one-dimensional array of numbers as a contiguous one of the wire dtype; raises as `coerce`."""
+    """Return a one-dimensional numpy array of numbers as a contiguous array of the wire dtype.
+
+    Raises `FieldValueError` if a number or the type does not fit.
+    """
     dtype = DTYPES[code]
     if value.ndim != 1:
         raise FieldValueError(f"expected one dimension, found shape {value.shape}; use .ravel()")
@@ -126,7 +133,7 @@ def _pack(value: Sequence[Any], code: str) -> Array:
 
 
 def scalar_problem(value: object, code: str) -> str:
-    """Return why a value cannot be encoded with a struct code; empty if it can."""
+    """Return why a single value cannot be encoded with a struct code; "" if it can."""
     try:
         if code == "?":
             BOOL_BYTE[value]
@@ -147,10 +154,10 @@ def scalar_problem(value: object, code: str) -> str:
 
 
 def sequence_converter(code: str) -> Callable[[object], Any]:
-    """Return the function that generated code calls on a sequence field; its result is a buffer with a `len`.
+    """Return the function by which generated code converts the value of a sequence field to a buffer with a `len`.
 
-    An array of the right dtype is returned unchanged. If it is not contiguous, joining raises TypeError and the slow
-    path copies it, as a test here would cost more than all others.
+    The function returns an array of the right dtype unchanged. If the array is not contiguous, joining the segments
+    raises TypeError and the slow path copies the array, as a test here would cost more than all others.
     """
     dtype: np.dtype[Any] | None = None  # set by the first call, as this would import numpy
     ndarray: type[Array] | None = None
@@ -171,7 +178,10 @@ def sequence_converter(code: str) -> Callable[[object], Any]:
 
 
 def fixed_converter(code: str) -> Callable[[object, int], bytes]:
-    """Return the function that generated code calls on an array field; its result has exactly `count` elements."""
+    """Return the function by which generated code converts the value of an array field to bytes.
+
+    The function raises `FieldValueError` if the value does not have exactly `count` elements.
+    """
     dtype: np.dtype[Any] | None = None
     ndarray: type[Array] | None = None
 
@@ -189,7 +199,10 @@ def fixed_converter(code: str) -> Callable[[object, int], bytes]:
 
 
 def view_of_bools(data: Buffer, count: int, offset: int) -> Array:
-    """Return bytes as bools: a view if all are 0 or 1, else a copy, as numpy requires these values."""
+    """Return `count` bytes at an offset as an array of bools: a view if all bytes are 0 or 1, else a copy.
+
+    Numpy requires these values in arrays of bools.
+    """
     if not count:
         return np.zeros(0, np.bool_)  # a fifth of the time of a view
     raw = np.frombuffer(data, np.uint8, count, offset)

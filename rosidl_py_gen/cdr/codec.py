@@ -1,4 +1,4 @@
-"""Functions `encode` and `decode`, which work for all names of fields, and conversion of structured arrays."""
+"""Public functions `encode` and `decode`, which work for all names of fields, and conversion of structured arrays."""
 
 from __future__ import annotations
 
@@ -37,13 +37,15 @@ def encode(message: Message) -> bytes:
 
 
 def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = False) -> M:
-    """Decode CDR data with its 4-byte header, in either byte order; bytes after the message are ignored.
+    """Return the message that CDR data encodes; ignore bytes after the message.
+
+    The data has its 4-byte header, and may have either byte order.
 
     Args:
         cls: a generated message class.
         data: bytes, bytearray, memoryview or another contiguous buffer.
         copy: False makes arrays read-only views of `data`; True makes them writable copies.
-        arrays: True makes sequences and arrays of fixed-size messages structured arrays; see `dtype`.
+        arrays: True makes sequences and arrays of fixed-size messages structured arrays, whose dtype `dtype` returns.
 
     Raises:
         DecodeError: the data is not valid; names field path and byte offset.
@@ -58,7 +60,7 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = F
 
 
 def dtype(cls: type[Message]) -> np.dtype[np.void]:
-    """Return the dtype of structured arrays of a fixed-size message: ROS names, native byte order.
+    """Return the numpy dtype of structured arrays of a fixed-size message, with ROS names and native byte order.
 
     Offsets and item size follow CDR, so that such arrays are views of encoded messages and are encoded by copying
     bytes. If the first element of a sequence is laid out differently from the others, arrays are copies with the same
@@ -72,16 +74,17 @@ def dtype(cls: type[Message]) -> np.dtype[np.void]:
 
 
 def records(values: Sequence[Message] | Records, cls: type[Message] | None = None) -> Records:
-    """Return messages of one fixed-size class as a structured array with `dtype`.
+    """Return messages of one fixed-size class as a structured array with the dtype that `dtype` returns.
 
     Args:
         values: a list of messages, or a structured array, which is converted to the dtype of `cls` if that is given.
-        cls: class of the messages; required for an empty list, otherwise the class of the first by default.
+        cls: class of the messages; required for an empty list, otherwise by default the class of the first message.
 
     Raises:
         EncodeError: an element has another class, or a value that does not fit; names index and field. Or an array has
             other fields than `cls`.
-        TypeError: the list is empty and `cls` missing; otherwise as `dtype`.
+        TypeError: the list is empty and `cls` missing, or messages of the class are not of fixed size or too large.
+        TypeNotFoundError: the class is not a generated message class.
     """
     if isinstance(values, np.ndarray):
         return values if cls is None else _to_wire_dtype(_require_codec(cls), values)
@@ -97,11 +100,12 @@ def records(values: Sequence[Message] | Records, cls: type[Message] | None = Non
 
 
 def messages(cls: type[M], values: Sequence[M] | Records) -> list[M]:
-    """Return the elements of a structured array as messages; a list of messages is copied.
+    """Return the elements of a structured array as message objects; a list of messages is copied.
 
     Raises:
         EncodeError: the array has other fields than `cls`; names them.
-        TypeError, TypeNotFoundError: as `dtype`.
+        TypeError: messages of the class are not of fixed size or too large for numpy.
+        TypeNotFoundError: `cls` is not a generated message class.
     """
     if not isinstance(values, np.ndarray):
         return list(values)

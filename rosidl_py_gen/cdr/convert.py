@@ -1,7 +1,7 @@
 """Conversion between messages and plain Python values or JSON.
 
-Keys are ROS names. JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity", which
-`from_dict` accepts as well.
+Keys are ROS names of fields. JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity",
+which `from_dict` accepts as well.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SPECIAL_FLOATS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf
 
 
 def to_dict(message: Message) -> dict[str, Any]:
-    """Return the message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`.
+    """Return the message as dicts, lists and scalars, which `from_dict` reads; arrays become lists.
 
     Raises:
         EncodeError: a value does not fit its type; names the path.
@@ -61,7 +61,12 @@ def _plain(value: Any, field: Field) -> Any:
 
 
 def to_json(message: Message, *, indent: int | None = None) -> str:
-    """Return the message as JSON text. The inverse of `from_json`; raises as `to_dict`."""
+    """Return the message as JSON text, which `from_json` reads.
+
+    Raises:
+        EncodeError: a value does not fit its type; names the path.
+        TypeNotFoundError: the argument is not a generated message.
+    """
     try:
         return json.dumps(json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
     except TypeError:
@@ -70,10 +75,11 @@ def to_json(message: Message, *, indent: int | None = None) -> str:
 
 
 def from_json(cls: type[M], text: str | bytes) -> M:
-    """Return a message built from JSON text.
+    """Return a message built from JSON text; missing fields have their defaults.
 
     Raises:
-        EncodeError: the text is not JSON; otherwise as `from_dict`.
+        EncodeError: the text is not JSON, a key is unknown, or a value does not fit; names the path.
+        TypeNotFoundError: `cls` is not a generated message class.
     """
     require_message(cls)
     try:
@@ -84,10 +90,11 @@ def from_json(cls: type[M], text: str | bytes) -> M:
 
 
 def from_dict(cls: type[M], values: Mapping[str, Any]) -> M:
-    """Return a message built from plain values; missing fields have their defaults.
+    """Return a message built from plain values by field name; missing fields have their defaults.
 
     Raises:
         EncodeError: a key is unknown, or a value does not fit; names the path.
+        TypeNotFoundError: `cls` is not a generated message class.
     """
     require_message(cls)
     message = _build(cls, values, cls._TYPE.name)

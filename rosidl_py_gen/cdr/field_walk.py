@@ -1,8 +1,8 @@
-"""Slow paths of generated code: field by field, by the field table.
+"""Slow paths of generated code: encode and decode a message field by field, by the class's table of fields.
 
 Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
-names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially
-supported platform of ROS 2 writes. The layout rules are in `layout`.
+names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially supported
+platform of ROS 2 writes. The layout rules are in `layout`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ M = TypeVar("M", bound=Message)
 
 
 def validate(message: Message) -> None:
-    """Check every value of a message against its type.
+    """Raise `EncodeError` if a value of a message does not fit the type of its field.
 
     Raises:
         EncodeError: the first wrong value in definition order; `path` begins with the message type.
@@ -114,7 +114,11 @@ def _string_problem(value: Any, kind: FieldType) -> str:
 
 
 def encode_slow(message: Message, error: Exception) -> bytes:
-    """Encode a message whose fast path failed: raise EncodeError for the wrong value, or copy strided arrays first."""
+    """Return the encoding of a message whose generated encoder failed, with non-contiguous arrays copied first.
+
+    Raises:
+        EncodeError: a value does not fit its type; names the field path.
+    """
     validate(message)
     strided: list[str] = []
     clone = _contiguous(message, strided)
@@ -124,7 +128,10 @@ def encode_slow(message: Message, error: Exception) -> bytes:
 
 
 def _contiguous(message: M, strided: list[str]) -> M:
-    """Return a copy that shares all but strided arrays; `strided` receives the names of their fields."""
+    """Return a copy of a message that shares all values except non-contiguous arrays, which are copied.
+
+    `strided` receives the names of the copied fields.
+    """
     clone = object.__new__(type(message))
     for field in message._TYPE.fields:
         value = message._get_plain(field)
@@ -144,7 +151,11 @@ def _contiguous(message: M, strided: list[str]) -> M:
 
 
 def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | None = None, arrays: bool = False) -> M:
-    """Decode a message whose fast path failed, or whose data is big-endian; raises DecodeError."""
+    """Return the message in data that the generated decoder cannot read: invalid or big-endian data.
+
+    Raises:
+        DecodeError: the data is not valid; names field path and byte offset.
+    """
     name = cls._TYPE.name
     reader = _open(name, data, copy, arrays)
     message = reader.message(cls, name)
@@ -154,7 +165,11 @@ def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | Non
 
 
 def encoded_length(cls: type[Message], data: Readable) -> int:
-    """Return the size of an encoded message, header included and padding at the end excluded; raises DecodeError."""
+    """Return the size of the message at the start of data, with the header and without padding at the end.
+
+    Raises:
+        DecodeError: the data is not a message of the class.
+    """
     reader = _open(cls._TYPE.name, data, copy=False, arrays=True)
     reader.message(cls, cls._TYPE.name)
     return reader.pos
@@ -173,7 +188,7 @@ def _open(name: str, data: Readable, copy: bool, arrays: bool) -> _CdrReader:
 
 
 class _CdrReader:
-    """Cursor in the data of one message; `pos` is an offset from the start of the header."""
+    """Reader of the data of one message, field by field; `pos` is an offset from the start of the header."""
 
     def __init__(self, data: Buffer, view: Buffer, big_endian: bool, arrays: bool) -> None:
         self.data = data
@@ -183,7 +198,10 @@ class _CdrReader:
         self.pos = HEADER_BYTES
 
     def take(self, size: int, align: int, path: str, what: str) -> int:
-        """Skip padding and `size` bytes; returns the offset of the bytes, which are named by `what` in errors."""
+        """Skip padding and `size` bytes, and return the offset of the bytes.
+
+        Raises `DecodeError`, which names the bytes by `what`, if the data ends before.
+        """
         start = align_offset(self.pos, align)
         left = max(0, len(self.data) - start)
         if size > left:

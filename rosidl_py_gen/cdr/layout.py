@@ -31,11 +31,11 @@ HEADER = b"\x00\x01\x00\x00"
 """Encapsulation header of little-endian data. Bit 0 of the second byte is the byte order; the rest are options."""
 HEADER_BYTES = 4
 HEADER_CODE = "Hxx"
-"""Struct code of the header, for messages that pack it together with their first fields."""
+"""Struct code of the encapsulation header, for messages that pack the header together with their first fields."""
 HEADER_VALUE = 0x0100
-"""Value of the header's first two bytes as a little-endian `H`."""
+"""Value of the first two bytes of the encapsulation header as a little-endian `H`."""
 MAX_ALIGN = 8
-"""Largest alignment of any value; positions that are equal modulo 8 are laid out alike."""
+"""Largest alignment of any value in CDR; positions that are equal modulo 8 are laid out alike."""
 COUNT_BYTES = 4
 """Size and alignment of the length prefix of a sequence, string or wstring."""
 COUNT_CODE = "I"
@@ -46,20 +46,23 @@ WSTRING_UNIT_BYTES = 4
 """Size of a UTF-16 code unit of a wstring, which travels as a u32."""
 MAX_WSTRING_UNIT = 0xFFFF
 EMPTY_MESSAGE = b"\0"
-"""Bytes of a message without fields."""
+"""Bytes that CDR writes for a message without fields."""
 NETWORK_ALIGN = 4
-"""Length of a sample on the network is a multiple of this; the message is followed by zeros."""
+"""Divisor of the length of samples on the network; zeros after the message make up the difference."""
 PADDING = {align: tuple(bytes(-position % align) for position in range(align)) for align in (1, 2, 4, 8)}
-"""Padding bytes by alignment and by ``position & align - 1``."""
+"""Padding bytes by alignment, then by ``position & align - 1``."""
 
 
 def align_up(position: Position, align: int) -> Position:
-    """Return the first multiple of `align`, a power of two, at or after a position or each position of an array."""
+    """Return the first multiple of `align`, a power of two, at or after a position; element by element for an array."""
     return position + (-position & align - 1)
 
 
 def align_offset(offset: Position, align: int) -> Position:
-    """Return the first aligned offset at or after an offset into data, where the header comes before the origin."""
+    """Return the first aligned offset at or after an offset into data.
+
+    Alignment counts from the end of the 4-byte header, offsets count from its start.
+    """
     return offset + (HEADER_BYTES - offset & align - 1)
 
 
@@ -79,12 +82,12 @@ def fixed_count(kind: FieldType) -> int:
 
 
 def element_alignment(kind: FieldType) -> int:
-    """Return the alignment of an element: the size of a primitive, or for a string the size of its length prefix."""
+    """Return the alignment of an element of a field: the size of a primitive, or of a string's length prefix."""
     return COUNT_BYTES if kind.primitive is None else kind.primitive.size
 
 
 def known_modulus(kind: FieldType) -> int:
-    """Return the number that the end of a string, or of a sequence of primitives, is known to be a multiple of.
+    """Return a number of which the end of a string, or of a sequence of primitives, is known to be a multiple.
 
     A string may end anywhere. An empty sequence ends after its length prefix, without the padding of an element.
     """
@@ -95,7 +98,7 @@ def known_modulus(kind: FieldType) -> int:
 
 
 def min_element_size(kind: FieldType) -> int:
-    """Return the least number of bytes of an element without padding; every message has at least one byte."""
+    """Return the minimum bytes of an element of a field without padding; every message has at least one byte."""
     if kind.is_string:
         return COUNT_BYTES
     return len(EMPTY_MESSAGE) if kind.primitive is None else kind.primitive.size

@@ -17,12 +17,15 @@ if TYPE_CHECKING:
 
 
 def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package; `modules` has the module inside the package by exported name."""
+    """Return functions `__getattr__` and `__dir__` for a package that imports its modules at the first use of a name.
+
+    `modules` has the name of the module inside the package for each exported name.
+    """
     return _exports(package, {name: f"{package}.{module}" for name, module in modules.items()})
 
 
 def stub_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package, from its ``__init__.pyi``."""
+    """Return `__getattr__`, `__dir__`, `__all__` for a package that lazily imports names of its ``__init__.pyi``."""
     # Not lazy_loader 0.6: it refuses stubs with names of other packages (here `rosidl_py_gen.errors`) or in zip files.
     spec: Any = sys.modules[package].__spec__
     lines = spec.loader.get_data(f"{spec.origin}i").decode().splitlines()  # out of a zip file, too

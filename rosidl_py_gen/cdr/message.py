@@ -1,7 +1,7 @@
 """Base classes of generated code, and the ROS type of a class.
 
 Generated classes have flat `_encode` and `_decode` of their own. This module adds equality, `repr` and the public
-methods, and leaves all slow paths to `field_walk`.
+methods. Slow paths are in `field_walk`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FeedbackT = TypeVar("FeedbackT")
 
 SERVICE_CLASSES = ("Request", "Response", "Event")
 ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
-"""Attributes of service and action classes, whose names are also suffixes of the classes."""
+"""Names of the nested classes of an action class, which are also suffixes of the ROS type names."""
 _MAX_REPR_ELEMENTS = 8
 
 
@@ -51,9 +51,9 @@ class Field(NamedTuple):
 
 
 class TypeInfo:
-    """ROS type of a generated class; the field table is expanded when it is first used.
+    """ROS type of a generated class; the field table is made when `fields` is first used.
 
-    Thread: any. Threads that expand the table at the same time make equal tuples, and a tuple is stored when it is
+    Thread: any. Threads that make the table at the same time make equal tuples, and a tuple is stored when it is
     complete.
     """
 
@@ -74,7 +74,7 @@ class TypeInfo:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """Fields in the order of the definition; empty for an empty message."""
+        """Fields of the message in the order of the definition; empty for an empty message."""
         if self._fields is None:
             self._fields = tuple(_field(*entry) for entry in self._spec)
         return self._fields
@@ -92,7 +92,7 @@ def _field(ros_name: str, text: str | type[Message], cls: type[Message] | None =
 
 
 class Message:
-    """Base of every generated message, which is a slotted dataclass.
+    """Base class of every generated message, which is a slotted dataclass.
 
     If a field is called `encode` or `decode`, it replaces the method of that name; the functions `rosidl_py_gen.encode`
     and `rosidl_py_gen.decode` work for all messages.
@@ -112,7 +112,7 @@ class Message:
                 cls.decode = _public(cls, "decode")  # type: ignore[method-assign]
 
     def encode(self) -> bytes:
-        """Return the message as CDR with its 4-byte header; see `rosidl_py_gen.encode`.
+        """Return the message as CDR (XCDR1, little endian) with its 4-byte header.
 
         Raises:
             EncodeError: a value does not fit its type; names the field path.
@@ -121,7 +121,12 @@ class Message:
 
     @classmethod
     def decode(cls, data: Readable, *, copy: bool = False, arrays: bool = False) -> Self:
-        """Decode CDR data with its 4-byte header; see `rosidl_py_gen.decode` for the arguments.
+        """Return the message that CDR data with its 4-byte header encodes.
+
+        Args:
+            data: bytes, bytearray, memoryview or another contiguous buffer.
+            copy: False makes arrays read-only views of `data`; True makes them writable copies.
+            arrays: True makes sequences and arrays of fixed-size messages structured arrays.
 
         Raises:
             DecodeError: the data is not valid; names field path and byte offset.
@@ -136,11 +141,11 @@ class Message:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
     def _get_plain(self, field: Field) -> Any:
-        """Return the value of a field for generic code: a number, string, message, or list or array of these."""
+        """Return the value of a field as in generated classes: a number, string, message, or list or array of these."""
         return getattr(self, field.py_name)
 
     def _set_plain(self, field: Field, value: Any) -> None:
-        """Set a field to a value as `_get_plain` returns it."""
+        """Set a field to a value of the kind that `_get_plain` returns."""
         setattr(self, field.py_name, value)
 
     def __eq__(self, other: object) -> bool:
@@ -157,7 +162,7 @@ class Message:
 
 
 def _public(cls: type[Message], name: str) -> Any:
-    """Return the generated method under its public name, with the docstring of the base class."""
+    """Return the generated method ``_name`` renamed to its public name, with the docstring of the base class."""
     method = cls.__dict__["_" + name]
     function = getattr(method, "__func__", method)
     function.__name__, function.__qualname__ = name, f"{cls.__qualname__}.{name}"
@@ -183,7 +188,7 @@ def _equal(left: Any, right: Any, field: Field) -> bool:
 
 
 def _equal_records(left: Any, right: Any, field: Field) -> bool:
-    """Compare two sequences of messages, at least one of which is an array."""
+    """Return True if two sequences of messages, at least one of them a structured array, have equal elements."""
     codec = find_structured_codec(field.cls) if field.cls is not None else None
     if codec is None:
         return False  # a wrong value, for which encoding raises
@@ -236,7 +241,7 @@ def require_message(subject: object) -> None:
 
 
 def is_of_type(value: object, cls: type[Message]) -> bool:
-    """Return True if the value is a message of the class, or of another class of the same type, for example rclpy's."""
+    """Return True if a value is a message of the class, or of another class of the same ROS type, such as rclpy's."""
     if isinstance(value, cls):
         return True
     info = type(value)._TYPE if isinstance(value, Message) else None

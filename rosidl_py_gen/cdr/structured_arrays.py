@@ -41,7 +41,7 @@ class StructuredCodec:
         align, largest: alignment of the first byte of every element, and largest alignment of a member.
         phase: position modulo `largest` at which elements have the layout of `dtype`.
         exact: elements at `phase` have the layout of `dtype`.
-        plain: exact, and `dtype` has no padding.
+        plain: elements at `phase` have the layout of `dtype`, and `dtype` has no padding.
 
     Thread: any. Only `_spans` changes after the constructor; threads that compute the same spans store equal lists.
     """
@@ -61,14 +61,15 @@ class StructuredCodec:
     # --- reading ------------------------------------------------------------------------------------------------------
 
     def element_range(self, pos: int, count: int) -> tuple[int, int]:
-        """Return begin and end of `count` >= 1 elements, as offsets into data that was read up to `pos`."""
+        """Return begin and end of `count` >= 1 elements that follow the offset `pos`, as offsets into the data."""
         begin = align_up(pos - HEADER_BYTES, self.align)
         return begin + HEADER_BYTES, sequence_end_offset(self.cls, begin, count) + HEADER_BYTES
 
     def read(self, data: Buffer, pos: int, count: int) -> tuple[Array, int]:
-        """Read `count` elements at the offset `pos`; returns them and the offset after them. Raises `FieldValueError`.
+        """Return `count` elements of a sequence that follows the offset `pos`, and the offset after the elements.
 
-        The result is a read-only view if possible, and writable if `data` is a bytearray, which the message then owns.
+        The elements are a read-only view if possible, and writable if `data` is a bytearray, which the message then
+        owns. Raises `FieldValueError` if the data ends before.
         """
         if not count:
             return self.empty, pos
@@ -85,7 +86,7 @@ class StructuredCodec:
         return self.read_elements(data, begin, count, "<"), end
 
     def read_elements(self, data: Buffer, begin: int, count: int, order: Literal["<", ">"]) -> Array:
-        """Return the elements at `begin`, within the data; big-endian ones are converted."""
+        """Return `count` elements that begin at an offset within the data; big-endian elements are converted."""
         dtype = self.dtype if order == "<" else self.dtype.newbyteorder(order)
         if self._can_view(data, begin, count):
             values = np.frombuffer(data, dtype, count, begin)
@@ -108,7 +109,10 @@ class StructuredCodec:
         return self.size == self.stride or (type(data) is not bytearray and begin + count * self.stride <= len(data))
 
     def _copy(self, data: Any, begin: int, position: int, memory: Array, *, inward: bool) -> None:
-        """Copy all elements between a buffer, from the offset `begin` on, and memory, a row of bytes for each."""
+        """Copy all elements from a buffer to memory, or to the buffer if `inward` is False.
+
+        The elements begin at the offset `begin` of the buffer; `memory` has a row of bytes for each element.
+        """
         second = align_up(end_offset(self.cls, position), self.align)
         self._copy_rows(data, begin, position, 0, memory[:1], inward)
         if len(memory) > 1:
@@ -130,7 +134,10 @@ class StructuredCodec:
     # --- writing ------------------------------------------------------------------------------------------------------
 
     def write(self, values: Array, append: Callable[[Any], object], pos: int) -> int:
-        """Append the elements and the padding before them; returns the position after them, counted from the origin."""
+        """Append the padding and the encoded elements to a message's segments, and return the position after them.
+
+        Positions count from the alignment origin. Raises `FieldValueError` if the array has other fields or values.
+        """
         values = self.to_wire_dtype(values)
         count = len(values)
         if not count:
@@ -151,7 +158,7 @@ class StructuredCodec:
         return values.view(DTYPES["B"]).reshape(len(values), self.dtype.itemsize)
 
     def to_wire_dtype(self, values: Array) -> Array:
-        """Convert a user's array to a contiguous array of the wire dtype; raises `FieldValueError` if that fails."""
+        """Return a user's array as a contiguous array of the wire dtype; raise `FieldValueError` if it does not fit."""
         if values.ndim != 1:
             raise FieldValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
         if values.dtype is self.dtype and values.flags.c_contiguous:
@@ -165,7 +172,7 @@ class StructuredCodec:
     # --- messages -----------------------------------------------------------------------------------------------------
 
     def from_messages(self, values: Sequence[Message]) -> Array:
-        """Return a list of messages as an array; raises EncodeError for the first wrong element."""
+        """Return messages as a structured array; raises `EncodeError` for the first message with a wrong value."""
         raw = b"".join([_encoded(message, index) for index, message in enumerate(values)])
         array = np.zeros(len(values), self.dtype)
         size = end_offset(self.cls, 0)
@@ -173,7 +180,7 @@ class StructuredCodec:
         return array
 
     def to_messages(self, values: Array) -> list[Any]:
-        """Return one message for each element; its arrays are copies."""
+        """Return one message for each element of an array; arrays inside the messages are copies."""
         values = self.to_wire_dtype(values)
         size = HEADER_BYTES + end_offset(self.cls, 0)
         raw = bytearray(HEADER.ljust(size, b"\0") * len(values))
@@ -183,7 +190,7 @@ class StructuredCodec:
         return [decode(data[at : at + size], copy) for at in range(0, len(data), size)]
 
     def equal(self, left: Array, right: Array) -> bool:
-        """Return True if two arrays have equal values; an array of another type equals none."""
+        """Return True if two arrays have equal values; False if an array has other fields than the message."""
         try:
             return _equal(self.to_wire_dtype(left), self.to_wire_dtype(right))
         except FieldValueError:
@@ -202,7 +209,7 @@ structured_codec = cached_per_class(StructuredCodec)
 
 
 def find_structured_codec(cls: type[Message]) -> StructuredCodec | None:
-    """Return the codec of a class; None if its messages vary in size or are too large for numpy."""
+    """Return the codec for structured arrays of a class; None if messages vary in size or are too large for numpy."""
     try:
         return None if varying_field(cls) else structured_codec(cls)
     except FieldValueError:
@@ -210,12 +217,18 @@ def find_structured_codec(cls: type[Message]) -> StructuredCodec | None:
 
 
 def read_records(cls: type[Message], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
-    """Read a sequence of fixed-size messages, for generated code: see `StructuredCodec.read`."""
+    """Return a sequence of fixed-size messages as a structured array, and the offset after it, for generated code.
+
+    The sequence has `count` elements and follows the offset `pos`. Raises `FieldValueError` if the data ends before.
+    """
     return structured_codec(cls).read(data, pos, count)
 
 
 def write_records(cls: type[Message], values: Any, append: Callable[[Any], object], pos: int) -> int:
-    """Write an array in place of a list of messages, for generated code: see `StructuredCodec.write`."""
+    """Append a structured array, assigned instead of a list of messages, to the segments, for generated code.
+
+    Returns the position after the elements.
+    """
     return structured_codec(cls).write(values, append, pos)
 
 
@@ -236,7 +249,7 @@ def _has_arrays(dtype: np.dtype[Any]) -> bool:
 
 
 def _with_true_bools(values: Array, path: tuple[str, ...]) -> Array:
-    """Return the array if the bytes of a bool field are 0 or 1, else a copy, as numpy requires these values."""
+    """Return the array with each byte of a bool field as 0 or 1, as numpy requires; a copy only if a byte differs."""
     if _bytes_of(values, path).max() > 1:
         writeable = values.flags.writeable
         values = values.copy()
@@ -253,7 +266,10 @@ def _bytes_of(values: Array, path: tuple[str, ...]) -> Array:
 
 
 def _assign(target: Array, source: Array, where: str) -> None:
-    """Copy fields by name, regardless of field order and byte order."""
+    """Copy the fields of one structured array to another by name, regardless of field order and byte order.
+
+    Raises `FieldValueError` if fields are missing or unknown, or a value does not fit; `where` is the field's path.
+    """
     names = target.dtype.names
     prefix = f"field {where}: " if where else ""
     if target.shape != source.shape:

@@ -38,7 +38,7 @@ R = TypeVar("R")
 
 
 class CopySpan(NamedTuple):
-    """Bytes that are contiguous both in the data and in memory, as offsets into one element."""
+    """Range of bytes that is contiguous both in encoded data and in a structured array, as offsets into one element."""
 
     wire: int
     memory: int
@@ -46,7 +46,7 @@ class CopySpan(NamedTuple):
 
 
 def cached_per_class(function: Callable[P, R]) -> Callable[P, R]:
-    """Cache results by class; type checkers assume that message classes are unhashable, as messages are.
+    """Return the function with a cache of its results; message classes are hashable, although messages are not.
 
     Thread: any. Threads that need a result at the same time may each compute it. Results are equal and do not change,
     so no lock is needed, and each thread may use its own.
@@ -56,7 +56,7 @@ def cached_per_class(function: Callable[P, R]) -> Callable[P, R]:
 
 @cached_per_class
 def varying_field(cls: MessageClass) -> str:
-    """Return path and type of the first field that makes messages of a class vary in size; empty if none does."""
+    """Return path and type of the first field that makes messages of a class vary in size; "" if none does."""
     for field in cls._TYPE.fields:
         kind = field.type
         if not has_fixed_size(kind):
@@ -69,7 +69,7 @@ def varying_field(cls: MessageClass) -> str:
 
 @cached_per_class
 def alignments(cls: MessageClass) -> tuple[int, int]:
-    """Return the alignment of the first member, and the largest of all, of a fixed-size message."""
+    """Return the alignment of the first member of a fixed-size message, and the largest alignment of all members."""
     each = [
         alignments(field.cls) if field.cls is not None else (element_alignment(field.type),) * 2
         for field in cls._TYPE.fields
@@ -79,7 +79,7 @@ def alignments(cls: MessageClass) -> tuple[int, int]:
 
 @cached_per_class
 def content_size(cls: MessageClass) -> int:
-    """Return the number of bytes of all values, without padding."""
+    """Return the number of bytes of all values in a fixed-size message, without padding."""
     return sum(
         (content_size(field.cls) if field.cls is not None else element_alignment(field.type)) * fixed_count(field.type)
         for field in cls._TYPE.fields
@@ -87,7 +87,7 @@ def content_size(cls: MessageClass) -> int:
 
 
 def end_offset(cls: MessageClass, position: int) -> int:
-    """Return the end of a message that begins at `position`; both count from the alignment origin."""
+    """Return the end of a fixed-size message that begins at `position`; both count from the alignment origin."""
     return position + _length(cls, position % MAX_ALIGN)
 
 
@@ -98,13 +98,13 @@ def _length(cls: MessageClass, position: int) -> int:
 
 
 def sequence_end_offset(cls: MessageClass, position: int, count: int) -> int:
-    """Return the end of `count` messages of a sequence, of which the first begins at `position`."""
+    """Return the end of `count` fixed-size messages in a sequence, of which the first begins at `position`."""
     first = end_offset(cls, position)
     return first + (count - 1) * (end_offset(cls, first) - first) if count > 1 else first
 
 
 def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:
-    """Yield each field of a message with the positions where its values begin and end."""
+    """Yield each field of a fixed-size message with the positions where its values begin and end."""
     for field in cls._TYPE.fields:
         count = fixed_count(field.type)
         if field.cls is None:
@@ -118,7 +118,7 @@ def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int
 
 
 def wire_dtype(cls: MessageClass, position: int, itemsize: int = 0) -> np.dtype[np.void] | None:
-    """Return the dtype of a message at an aligned position; `itemsize` 0 means its own size.
+    """Return the numpy dtype of a fixed-size message at an aligned position; `itemsize` 0 means the message's size.
 
     None if it contains an array of messages whose first is laid out differently from the others, or that have padding
     between them: numpy would count that padding, and what follows the array, as a part of the last.
@@ -148,7 +148,7 @@ def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np
 
 
 def packed_dtype(cls: MessageClass) -> np.dtype[np.void]:
-    """Return a dtype with the same fields and without padding, for messages without a `wire_dtype`."""
+    """Return a numpy dtype with the message's fields and without padding, for messages without a `wire_dtype`."""
     formats: list[Any] = []
     offsets: list[int] = []
     size = 0
@@ -178,7 +178,13 @@ def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize:
 
 
 class ElementStride(NamedTuple):
-    """Layout of the elements after the first: their position modulo the largest alignment, distance, and size."""
+    """Layout of the elements of a sequence after the first element.
+
+    Attributes:
+        phase: position of an element modulo the largest alignment.
+        stride: distance between elements in bytes.
+        size: bytes of an element without padding at its end.
+    """
 
     phase: int
     stride: int
@@ -186,7 +192,7 @@ class ElementStride(NamedTuple):
 
 
 def element_stride(cls: MessageClass) -> ElementStride:
-    """Return the layout of the elements after the first."""
+    """Return the layout of the elements after the first in a sequence of fixed-size messages."""
     first, largest = alignments(cls)
     phase = align_up(end_offset(cls, 0), first) % largest
     end = end_offset(cls, phase)
@@ -195,14 +201,14 @@ def element_stride(cls: MessageClass) -> ElementStride:
 
 @cached_per_class
 def record_dtype(cls: MessageClass) -> np.dtype[np.void]:
-    """Return the dtype of a fixed-size message; raises `FieldValueError` if it is too large for numpy."""
+    """Return the numpy dtype of structured arrays of a message; raises `FieldValueError` if numpy cannot have it."""
     phase, stride, _ = element_stride(cls)
     exact = wire_dtype(cls, phase, stride)
     return packed_dtype(cls) if exact is None else exact
 
 
 def copy_spans(cls: MessageClass, position: int, memory: np.dtype[Any]) -> list[CopySpan]:
-    """Return the spans to copy between a message at an aligned position and an element of a dtype in memory."""
+    """Return the byte ranges to copy between a message encoded at an aligned position and an element of a dtype."""
     spans: list[CopySpan] = []
     for field, begin, end in _members(cls, position):
         assert memory.fields is not None

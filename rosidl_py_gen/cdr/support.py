@@ -1,4 +1,4 @@
-"""Functions that generated code calls besides `struct` and numpy.
+"""Functions that generated encoders and decoders call besides `struct` and numpy.
 
 Positions in generated encoders count from the byte after the 4-byte encapsulation header, the origin of alignment
 (docs/internals/protocol.md 2.1). Positions in decoders are offsets into the data and therefore higher by 4.
@@ -68,7 +68,7 @@ fixed_float32s, fixed_float64s = map(fixed_converter, "fd")
 
 _DTYPE_CODES = {one.numpy.upper(): one.code for one in PRIMITIVES.values()}
 NUMPY_NAMES = ("frombuffer", "ndarray", *_DTYPE_CODES)
-"""Names of this module that import numpy when they are first used."""
+"""Names of this module whose first use imports numpy."""
 
 if TYPE_CHECKING:
     frombuffer = np.frombuffer
@@ -111,9 +111,9 @@ _PACK_SHORT = tuple(Struct(f"<{COUNT_CODE}{n}s{align_up(n + 1, COUNT_BYTES) - n}
 
 
 def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., bytes], ...]:
-    """Return eight `pack` functions of one run of fields, indexed by ``pos & 7``.
+    """Return eight `pack` functions for one run of fields, indexed by the position, ``pos & 7``, where the run begins.
 
-    Each first writes the NUL of the string before (if `nul`) and the padding up to `align`.
+    Each function first writes the NUL of the preceding string (if `nul`) and the padding up to `align`.
     """
     packs: list[Callable[..., bytes]] = []
     for start in range(MAX_ALIGN):
@@ -123,7 +123,10 @@ def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., byt
 
 
 def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
-    """Return the input twice: to read scalars and strings from, and to make array views of. Raises TypeError."""
+    """Return data to decode twice: for reading scalars and strings, and for taking array views.
+
+    With `copy`, both are one bytearray. Raises TypeError if the data is not a contiguous buffer.
+    """
     if copy:
         owned = bytearray(_flat(data))
         return owned, owned
@@ -136,7 +139,10 @@ def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
 
 
 def viewable(data: Readable, copy: bool) -> Buffer:
-    """Return the input as one buffer, not copied unless `copy`, for messages with large sequences. Raises TypeError."""
+    """Return data to decode as one buffer, copied only with `copy`, for messages with large sequences.
+
+    Raises TypeError if the data is not a contiguous buffer.
+    """
     view = _flat(data)
     if copy:
         return bytearray(view)
@@ -156,7 +162,10 @@ def _flat(data: object) -> memoryview:
 
 
 def coerce_message(value: object, cls: type[T]) -> T:
-    """Return a message of a class, converting one of another class of the same type; raises `FieldValueError`."""
+    """Return a value as a message of a class; convert a message of another class of the same ROS type.
+
+    Raises `FieldValueError` if the value is not such a message.
+    """
     if isinstance(value, cls):
         return value
     target: Any = cls
@@ -171,13 +180,16 @@ def coerce_message(value: object, cls: type[T]) -> T:
 
 
 def coerce_message_list(value: object) -> None:
-    """Raise `FieldValueError` if messages are expected and the value is not a list or tuple."""
+    """Raise `FieldValueError` if the value of a field of messages is not a list or tuple."""
     if not isinstance(value, (list, tuple)):
         raise FieldValueError(f"expected a list of messages, found {short_repr(value)}")
 
 
 def list_or_records(value: object) -> Any:
-    """Return a list of fixed-size messages or a structured array; one of a subclass as a plain array."""
+    """Return the list or structured array of a field of fixed-size messages; an array of a subclass as a plain one.
+
+    Raises `FieldValueError` for other values.
+    """
     kind = type(value)
     if kind is list or kind is np.ndarray:
         return value
@@ -188,7 +200,7 @@ def list_or_records(value: object) -> Any:
 
 
 def check_max_length(count: int, maximum: int) -> None:
-    """Raise `FieldValueError` if a sequence or string exceeds its bound.
+    """Raise `FieldValueError` if the length of a sequence or string exceeds its bound.
 
     Encoder and decoder then call `field_walk`, whose error names the field.
     """
@@ -197,19 +209,19 @@ def check_max_length(count: int, maximum: int) -> None:
 
 
 def check_length(count: int, expected: int) -> None:
-    """Raise `FieldValueError` if an array has another length."""
+    """Raise `FieldValueError` if an array does not have the expected number of elements."""
     if count != expected:
         raise FieldValueError(f"expected exactly {expected} elements, found {count}")
 
 
 def check_remaining(end: int, data: Buffer) -> None:
-    """Raise `FieldValueError` if the data cannot hold a count, before memory is allocated for it."""
+    """Raise `FieldValueError` if elements would end after the data, before memory is allocated for them."""
     if end > len(data):
         raise FieldValueError("the data end inside a sequence")
 
 
 def pack_strings(values: Any) -> bytes:
-    """Return the encoded elements of a string sequence at a multiple of 4, without padding after the last."""
+    """Return the encoded elements of a string sequence that begins at a multiple of 4, without padding at the end."""
     if not isinstance(values, (list, tuple)):
         raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     if not values:
@@ -230,7 +242,7 @@ def pack_strings(values: Any) -> bytes:
 
 
 def unpack_strings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
-    """Read `count` strings from offset `pos`, not aligned; returns them and the offset after the last."""
+    """Return `count` strings that follow the offset `pos`, aligned or not, and the offset after the last."""
     if not count:
         return [], pos
     if type(data) is memoryview:  # has no `decode`; messages with many strings are bytes
@@ -252,13 +264,16 @@ def unpack_strings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
 
 
 def utf16(value: str) -> bytes:
-    """Return the content of a wstring: UTF-16 code units as u32, no terminator (docs/internals/protocol.md 2.2)."""
+    """Return the encoded content of a wstring: UTF-16 code units as u32, without terminator.
+
+    Source: docs/internals/protocol.md 2.2.
+    """
     units = np.frombuffer(str.encode(value, "utf-16-le"), "<u2")
     return units.astype("<u4").tobytes()
 
 
 def from_utf16(data: Buffer, pos: int, count: int) -> str:
-    """Return the text of `count` code units at offset `pos`; the inverse of `utf16`."""
+    """Return the text of `count` UTF-16 code units, each a u32, at the offset `pos`."""
     check_remaining(pos + WSTRING_UNIT_BYTES * count, data)
     units = np.frombuffer(data, "<u4", count, pos)
     if count and units.max() > MAX_WSTRING_UNIT:
@@ -267,7 +282,7 @@ def from_utf16(data: Buffer, pos: int, count: int) -> str:
 
 
 def pack_wstrings(values: Any) -> bytes:
-    """Return the encoded elements of a wstring sequence or array at a multiple of 4."""
+    """Return the encoded elements of a sequence or array of wstrings that begins at a multiple of 4."""
     if not isinstance(values, (list, tuple)):
         raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     parts: list[bytes] = []
@@ -279,7 +294,7 @@ def pack_wstrings(values: Any) -> bytes:
 
 
 def unpack_wstrings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
-    """Read `count` wstrings from offset `pos`, not aligned; returns them and the offset after the last."""
+    """Return `count` wstrings that follow the offset `pos`, aligned or not, and the offset after the last."""
     check_remaining(pos + COUNT_BYTES * count, data)
     values: list[str] = []
     for _ in range(count):
@@ -291,7 +306,7 @@ def unpack_wstrings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]
 
 
 def check_max_lengths(values: Any, maximum: int) -> None:
-    """Raise `FieldValueError` if one of several bounded strings exceeds its bound."""
+    """Raise `FieldValueError` if one of the strings in a list is longer than `maximum` characters."""
     for value in values:
         if len(value) > maximum:
             raise FieldValueError(f"expected at most {maximum} characters, found {len(value)}")

@@ -1,4 +1,4 @@
-"""Functions that return name, hash, description and constants of a generated class or instance."""
+"""Functions that return the ROS name, hash, description and constants of a generated class or instance."""
 
 from __future__ import annotations
 
@@ -16,29 +16,33 @@ def _info(subject: object) -> tuple[type, str, str]:
 
 
 def type_name(subject: object) -> str:
-    """Return the name of a class or instance, such as ``std_msgs/msg/String``; raises TypeNotFoundError for others."""
+    """Return the ROS name of a generated class or its instance, such as ``std_msgs/msg/String``.
+
+    Raises:
+        TypeNotFoundError: the argument is not a generated class or an instance of one.
+    """
     return _info(subject)[1]
 
 
 def type_hash(subject: object) -> str:
-    """Return the RIHS01 hash of a class or instance, ``RIHS01_`` and 64 hexadecimal digits.
+    """Return the RIHS01 hash of a generated class or its instance: ``RIHS01_`` and 64 hexadecimal digits.
 
     Raises:
-        TypeNotFoundError: the argument is not a generated class.
+        TypeNotFoundError: the argument is not a generated class or an instance of one.
     """
     # Source: docs/internals/protocol.md 3.
     return _info(subject)[2]
 
 
 def type_description(subject: object) -> Description:
-    """Return the type description of a class or instance, as rosidl writes it to JSON.
+    """Return the type description of a generated class or its instance, as rosidl writes it to JSON.
 
     Returns:
         ``type_description`` and ``referenced_type_descriptions``; the keys are the field names of
         type_description_interfaces/msg/TypeDescription, so `from_dict` makes that message.
 
     Raises:
-        TypeNotFoundError: the argument is not a generated class.
+        TypeNotFoundError: the argument is not a generated class or an instance of one.
     """
     _, name, _ = _info(subject)
     classes = referenced_classes(subject)
@@ -54,7 +58,7 @@ def type_description(subject: object) -> Description:
 
 
 def referenced_classes(subject: object) -> dict[str, type]:
-    """Return the class and all classes of its fields, recursively, by type name."""
+    """Return a generated class and the classes of its fields, at any depth, by type name."""
     classes: dict[str, type] = {}
     pending = [_info(subject)[0]]
     while pending:
@@ -71,7 +75,7 @@ def referenced_classes(subject: object) -> dict[str, type]:
 
 
 def hashes_of(subject: object) -> dict[str, str]:
-    """Return the RIHS01 hashes of the class and of all classes of its fields, by type name."""
+    """Return the RIHS01 hashes of a generated class and the classes of its fields, at any depth, by type name."""
     return {name: type_hash(cls) for name, cls in referenced_classes(subject).items()}
 
 

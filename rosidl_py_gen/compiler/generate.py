@@ -54,7 +54,7 @@ _RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "jinja2",
 
 @dataclass(frozen=True, slots=True)
 class GenerationResult:
-    """Result of a run: `problems` of skipped interfaces, and `notes` with assumptions about a CMakeLists.txt."""
+    """Result of a generator run: `problems` of skipped interfaces, `notes` on assumptions about CMakeLists.txt."""
 
     names: tuple[RosName, ...]
     changes: Changes
@@ -63,7 +63,11 @@ class GenerationResult:
 
 
 def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Parse and check packages and interfaces, by default all; raises `DefinitionError` with all problems."""
+    """Return the checked definitions and names of the wanted packages and interfaces; an empty list means all.
+
+    Raises:
+        DefinitionError: definitions have problems; the error lists all of them.
+    """
     registry, names = _read(search, wanted)
     if registry.diagnostics.items:
         raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), notes_of(search, names))
@@ -73,7 +77,10 @@ def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list
 def _read(
     search: SearchPath, wanted: list[str], existing: Iterable[RosName] = ()
 ) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Parse and check a selection, and interfaces that were generated before; the registry has the diagnostics."""
+    """Return the registry and names of wanted interfaces, and of existing ones, parsed and checked.
+
+    `existing` has interfaces that were generated before. The registry has the diagnostics.
+    """
     registry = InterfaceRegistry(search)
     names, problems = select_valid_names(registry, wanted)
     registry.diagnostics.items += problems
@@ -87,13 +94,13 @@ def _read(
 
 
 def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
-    """Return the assumptions about the packages of some interfaces."""
+    """Return the notes on what was assumed about the CMakeLists.txt of the packages of these interfaces."""
     listings = (search.packages[package].listing for package in sorted({name.package for name in names}))
     return [note for listing in listings if listing for note in listing.notes]
 
 
 def _check_modules(registry: InterfaceRegistry, names: list[RosName]) -> None:
-    """Report names that Python cannot import, as they hide other modules, and two interfaces in one module."""
+    """Add diagnostics for package names that Python cannot import or needs, and for two interfaces in one module."""
     files: dict[str, RosName] = {}
     for name in names:
         file = registry.search.file(name)
@@ -155,7 +162,7 @@ def generate(
 
 
 def _already_generated(search: SearchPath, folder: Path) -> list[RosName]:
-    """Return the interfaces whose modules are in the folder; they are generated again with the requested ones."""
+    """Return the interfaces whose modules are in the output folder; each run generates them again."""
     if not folder.is_dir():
         return []
     present = set(generated_files_below(folder, list(search.packages)))
@@ -168,7 +175,7 @@ def _already_generated(search: SearchPath, folder: Path) -> list[RosName]:
 
 
 def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
-    """Return a function that finds the module in `rosidl_py_gen.msgs` with the class of the same definition."""
+    """Return a function from a full name to the module in `rosidl_py_gen.msgs` with a class of the same definition."""
     bundled = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
 
     @cache

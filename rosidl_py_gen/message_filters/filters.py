@@ -1,4 +1,4 @@
-"""Filters: subscriptions as the start of a chain, synchronizers, and a cache.
+"""Filters of messages: subscriptions as the start of a chain, synchronizers, and a cache.
 
 A filter passes messages to its callbacks; a callback may be the `add` of another filter. Plain callbacks are called at
 once, on the thread where the message arrives. `signal_message` returns the coroutine of an async callback, so that the
@@ -43,11 +43,11 @@ T = TypeVar("T")
 
 
 class StampError(RosidlError, ValueError):
-    """A message without ``header.stamp`` was passed to a filter that needs it."""
+    """Error of a message without ``header.stamp`` that was passed to a filter which needs the stamp."""
 
 
 def header_stamp(message: Any) -> int | None:
-    """Return the stamp in nanoseconds; None if the message has none."""
+    """Return the stamp in a message's header in nanoseconds; None if the message has none."""
     try:
         if isinstance(message, dict):
             stamp = message["header"]["stamp"]
@@ -58,10 +58,14 @@ def header_stamp(message: Any) -> int | None:
 
 
 class NoNodeScope:
-    """Scope of an object without a node; the scope of a node is an `EntityScope`."""
+    """Scope of an object without a node, which runs its blocking methods; the scope of a node is an `EntityScope`."""
 
     def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
-        """Run a coroutine to its end, while other threads feed the object; raises `WouldDeadlockError` in a loop."""
+        """Run a coroutine to its end in a new event loop, while other threads feed the object.
+
+        Raises:
+            WouldDeadlockError: the thread already runs an event loop.
+        """
         if current_loop() is not None:
             coroutine.close()
             raise WouldDeadlockError(
@@ -72,9 +76,9 @@ class NoNodeScope:
 
 
 class MessageFilter:
-    """Filter that passes every message on: the start of a chain that is fed by hand, and the base of all filters.
+    """Filter that passes every message on: the start of a chain that a program feeds, and the base of all filters.
 
-    Without a callback, output waits to be received; when `queue_size` messages wait, the oldest is dropped.
+    Without a callback, messages wait to be received; when `queue_size` messages wait, the oldest is dropped.
 
     Args:
         callback: plain or async function; calls of an async one are awaited one after the other.
@@ -95,11 +99,11 @@ class MessageFilter:
         self._closed = False
         self._clock: Clock | None = None
         self.dropped = 0
-        """Number of messages or sets that were dropped from full queues."""
+        """Number of messages or sets that the filter has dropped from full queues."""
         self._inputs = inputs
         self._nodes: tuple[Node, ...] = ()
         self._scope: EntityScope | NoNodeScope = NoNodeScope()
-        """Scope of the first node, whose event loop runs the blocking methods."""
+        """Scope of the filter's first node, whose event loop runs the blocking methods."""
         self._use_nodes(*(node for one in inputs for node in one._nodes))
         if callback is not None:
             self.register_callback(callback)
@@ -107,7 +111,9 @@ class MessageFilter:
     # ------------------------------------------------------------------------------------------------------- callbacks
 
     def register_callback(self, callback: Callable[..., object]) -> Registration:
-        """Call a plain or async function with each output; several are called in the order of registration.
+        """Register a plain or async function that is called with each output of the filter.
+
+        Several functions are called in the order of registration.
 
         Returns:
             Registration, which ends the calls when it is closed.
@@ -123,7 +129,10 @@ class MessageFilter:
         return self._outputs.add(_Output(self, callback, self._depth))
 
     def signal_message(self, *messages: Any) -> Coroutine[Any, Any, None] | None:
-        """Pass a message, or one of each input, on; returns a coroutine to await, or None if no callback is async."""
+        """Pass a message, or a set with one message of each input, to the callbacks or to the queue of the receiver.
+
+        Returns a coroutine of async callbacks to await, or None if no callback is async.
+        """
         if self._closed:
             return None
         if not len(self._outputs):
@@ -148,7 +157,7 @@ class MessageFilter:
         return self._waiting.popleft()
 
     async def receive(self, timeout_s: float | None = None) -> Any:
-        """Return the next message or set of messages, oldest first.
+        """Return the next message, or set of messages, that the filter passes on, oldest first.
 
         Raises:
             WaitTimeoutError: nothing arrived within `timeout_s`.
@@ -168,7 +177,7 @@ class MessageFilter:
         return [reason for one in self._inputs for reason in await one._why_silent()]
 
     async def _wait(self, timeout_s: float | None) -> bool:
-        """Return True if a message waits; False after the timeout or when the filter is closed."""
+        """Wait for a message, and return True; return False after the timeout or when the filter is closed."""
         for node in self._nodes:
             node._scope.adopt_running_loop()
         await self._waiters.wait(lambda: self._waiting or self._closed, timeout_s)
@@ -181,7 +190,10 @@ class MessageFilter:
     # --------------------------------------------------------------------------------------------------------- chains
 
     def _use_nodes(self, *nodes: Node) -> None:
-        """Set the nodes that feed the filter; it closes with the first one that closes. Raises `ClosedError`."""
+        """Set the nodes that feed the filter, which closes when the first of them closes.
+
+        Raises `ClosedError` if a node is closed.
+        """
         self._nodes = tuple(dict.fromkeys(nodes))
         for node in self._nodes:
             node._scope.register(self)
@@ -191,7 +203,11 @@ class MessageFilter:
     def _use_stamps(
         self, clear: Callable[[], None], allow_headerless: bool = False, clock: Clock | None = None
     ) -> None:
-        """Check the stamps of the inputs, and call `clear` when time jumps back: earlier messages never match again."""
+        """Prepare the use of stamps: check that messages of the inputs have stamps, or set the clock for arrival times.
+
+        When time jumps back, `clear` is called: earlier messages never match again. Raises `StampError` if an input's
+        messages have no stamp and `allow_headerless` is False, or without a clock.
+        """
         if allow_headerless:
             self._clock = clock or (self._nodes[0].clock if self._nodes else None)
             if self._clock is None:
@@ -206,7 +222,7 @@ class MessageFilter:
             self._links.append(on_jump)
 
     def _stamp_of(self, message: Any, where: str = "") -> int:
-        """Return the stamp, or the time of arrival; raises `StampError`."""
+        """Return the stamp of a message, or with `allow_headerless` the time of arrival; else raise `StampError`."""
         stamp = header_stamp(message)
         if stamp is not None:
             return stamp
@@ -215,7 +231,10 @@ class MessageFilter:
         return self._clock.now().nanoseconds
 
     def close(self) -> None:
-        """Stop passing messages; waiting ones can still be received. The inputs stay open. May be called twice."""
+        """Stop passing messages on; waiting messages can still be received. May be called repeatedly.
+
+        The inputs stay open.
+        """
         self._closed = True
         for link in self._links:
             link.close()
@@ -228,14 +247,14 @@ class MessageFilter:
 
 
 class Subscriber(MessageFilter):
-    """Subscription as the start of a chain.
+    """Subscription of a node as the start of a chain of filters.
 
     Args:
         node: node that owns the subscription.
         msg_type: a message class, or the name of a type: messages are then dicts.
         topic: as in `Node.create_subscription`.
         qos: a depth or a profile.
-        callback: see `MessageFilter`.
+        callback: plain or async function that is called with each message.
         options: other arguments of `Node.create_subscription`.
     """
 
@@ -256,7 +275,7 @@ class Subscriber(MessageFilter):
         self.subscription: Subscription[Any] = node.create_subscription(
             msg_type, topic, self.signal_message, qos, **options
         )
-        """Subscription, which has `dropped`, `publisher_count` and `wait_for_publishers`."""
+        """Subscription of the filter, which has `dropped`, `publisher_count` and `wait_for_publishers`."""
         if callback is not None:
             self.register_callback(callback)
 
@@ -277,7 +296,7 @@ class Subscriber(MessageFilter):
 
 
 def _require_stamps(source: MessageFilter) -> None:
-    """Raise `StampError` if the messages of a subscription have no stamp."""
+    """Raise `StampError` if a filter is a subscription whose messages have no stamp."""
     if not isinstance(source, Subscriber):
         return
     cls: Any = get_message(source._msg_type) if isinstance(source._msg_type, str) else source._msg_type
@@ -287,7 +306,7 @@ def _require_stamps(source: MessageFilter) -> None:
 
 
 class _Output:
-    """Callback of a filter; an async one has a queue, and its calls run one after the other."""
+    """Registered callback of a filter; an async callback has a queue, and its calls run one after the other."""
 
     def __init__(self, owner: MessageFilter, function: Callable[..., Any], depth: int) -> None:
         self._owner, self._function = owner, function
@@ -317,7 +336,10 @@ class _Output:
 
 
 def call_all(calls: Iterable[Callable[[], Coroutine[Any, Any, None] | None]]) -> Coroutine[Any, Any, None] | None:
-    """Call all functions, also after a failure; raises the first failure, or returns a coroutine that does."""
+    """Call all functions, even if some fail, and raise the first failure.
+
+    If functions return coroutines, returns one coroutine that awaits all of them and then raises the first failure.
+    """
     coroutines: list[Coroutine[Any, Any, None]] = []
     failures: list[Exception] = []
     for call in calls:
@@ -343,7 +365,7 @@ async def _await_all(coroutines: list[Coroutine[Any, Any, None]], failures: list
 
 
 def check_filters(name: str, *filters: object) -> tuple[MessageFilter, ...]:
-    """Return the inputs of a filter; raises `TypeError` if one is not a filter."""
+    """Return the inputs of a filter unchanged; raises `TypeError` if one is not a filter."""
     for source in filters:
         if not isinstance(source, MessageFilter):
             raise TypeError(f"{name} must be a filter, such as Subscriber(node, type, topic), got {source!r:.100}")
@@ -351,7 +373,7 @@ def check_filters(name: str, *filters: object) -> tuple[MessageFilter, ...]:
 
 
 def check_queue_size(name: str, value: object) -> int:
-    """Return a number of messages; raises `TypeError` or `ValueError` if it is not a positive integer."""
+    """Return a queue size unchanged; raises `TypeError` or `ValueError` if it is not a positive integer."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise TypeError(f"{name} must be an int, the maximum number of messages, got {value!r:.100}")
     if value < 1:
@@ -360,7 +382,7 @@ def check_queue_size(name: str, value: object) -> int:
 
 
 def slop_to_ns(name: str, seconds: object) -> int:
-    """Return seconds as nanoseconds; raises `TypeError` or `ValueError` if they are not finite and non-negative."""
+    """Return a number of seconds as nanoseconds; raises `TypeError` or `ValueError` unless finite and at least 0."""
     if not isinstance(seconds, int | float) or isinstance(seconds, bool):
         raise TypeError(f"{name} must be a number of seconds, got {seconds!r:.100}")
     if not isfinite(seconds) or seconds < 0:
@@ -372,7 +394,7 @@ def slop_to_ns(name: str, seconds: object) -> int:
 
 
 class TimeSynchronizer(MessageFilter):
-    """Filter that passes sets of messages with equal ``header.stamp``, one of each input.
+    """Filter that passes sets of messages with equal ``header.stamp``, one message of each input.
 
     A set is passed when its last message arrives. Of each input, the `queue_size` messages with the highest stamps wait
     for their set. If simulated time jumps back, they are removed.
@@ -414,7 +436,10 @@ class TimeSynchronizer(MessageFilter):
         self._links += [one.register_callback(partial(self.add, index)) for index, one in enumerate(filters)]
 
     def add(self, index: int, message: Any) -> Coroutine[Any, Any, None] | None:
-        """Process a message as if an input had passed it; returns as `signal_message`. Raises `StampError`."""
+        """Process a message as if the input with this index had passed it on.
+
+        Returns a coroutine of async callbacks to await, or None. Raises `StampError` for a message without stamp.
+        """
         stamp = self._stamp_of(message, f"input {index} of ")
         with self._lock:
             queue = self._queues[index]
@@ -428,25 +453,28 @@ class TimeSynchronizer(MessageFilter):
         return self.signal_message(*messages)
 
     def _match(self, index: int, stamp: int) -> list[int] | None:
-        """Return the times of a set with the newest message, in the order of the inputs; None if it does not exist."""
+        """Return the stamps of a set with the newest message, in the order of the inputs; None without a set."""
         return [stamp] * len(self._queues) if all(stamp in queue for queue in self._queues) else None
 
     def clear(self) -> None:
-        """Remove the messages that wait for others."""
+        """Remove the messages that wait for messages of other inputs."""
         with self._lock:
             for queue in self._queues:
                 queue.clear()
 
 
 class ApproximateTimeSynchronizer(TimeSynchronizer):
-    """Filter that passes sets of messages whose stamps are less than `slop_s` apart, one of each input.
+    """Filter that passes sets of messages whose stamps are less than `slop_s` apart, one message of each input.
 
     A set is passed as soon as one exists with the arriving message: of each other input the message closest to it, or,
-    if these are too far apart, the next ones. It does not wait for a better set. Otherwise as `TimeSynchronizer`.
+    if these are too far apart, the next ones. The filter does not wait for a better set. Otherwise it is like
+    `TimeSynchronizer`.
 
     Args:
-        inputs: as for `TimeSynchronizer`, and so are `callback` and `queue_size`.
+        inputs: filters, such as `Subscriber`; callbacks receive the messages in this order.
+        callback: plain or async function with as many arguments as there are inputs.
         slop_s: seconds; stamps that are exactly this far apart do not match.
+        queue_size: maximum number of waiting messages of each input, and of sets that wait to be received.
         allow_headerless: use the time of arrival for messages without a stamp; its delay is unknown.
         clock: clock for the time of arrival; None means the clock of the first input's node.
 
@@ -491,7 +519,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         return stamps
 
     def _can_complete(self, rows: list[list[int]], low: int, high: int) -> bool:
-        """Return True if one time of each sorted row fits with the others and with `low` and `high`.
+        """Return True if one time of each sorted row fits: all of them, `low` and `high` are less than slop apart.
 
         A set exists if a window of length slop contains a time of each row and both ends. Only times of the rows and
         `low` can be the start of such a window.
@@ -522,7 +550,7 @@ class Cache(MessageFilter):
     Args:
         source: a filter, such as `Subscriber`.
         cache_size: maximum number of messages; one more removes the message with the lowest stamp.
-        callback: see `MessageFilter`.
+        callback: plain or async function that is called with each message.
         allow_headerless: use the time of arrival for messages without a stamp, instead of an error.
         clock: clock for the time of arrival; None means the clock of the input's node.
 
@@ -548,7 +576,10 @@ class Cache(MessageFilter):
         self._links.append(source.register_callback(self.add))
 
     def add(self, message: Any) -> Coroutine[Any, Any, None] | None:
-        """Store a message as if the input had passed it, and pass it on as `signal_message`; raises `StampError`."""
+        """Store a message as if the input had passed it on, and pass it on to callbacks or the receiver.
+
+        Returns a coroutine of async callbacks to await, or None. Raises `StampError` for a message without stamp.
+        """
         stamp = self._stamp_of(message)
         with self._lock:
             if len(self._stamps) >= self._size:
@@ -565,38 +596,41 @@ class Cache(MessageFilter):
             return self._messages[bisect_left(self._stamps, first) : bisect_right(self._stamps, last)]
 
     def surrounding(self, start: Any, end: Any) -> list[Any]:
-        """Return the messages of `interval`, and on each side without a message at that very time one more."""
+        """Return the messages from `start` to `end`, and on each side one more unless one is exactly at that time.
+
+        Raises `ValueError` if `end` is before `start`.
+        """
         first, last = _span(start, end)
         with self._lock:
             begin = max(0, bisect_right(self._stamps, first) - 1)
             return self._messages[begin : bisect_left(self._stamps, last) + 1]
 
     def at_or_after(self, time: Any) -> Any:
-        """Return the oldest message at or after a time; None if none exists."""
+        """Return the oldest cached message at or after a time; None if none exists."""
         with self._lock:
             at = bisect_left(self._stamps, nanoseconds(time))
             return self._messages[at] if at < len(self._messages) else None
 
     def at_or_before(self, time: Any) -> Any:
-        """Return the newest message at or before a time; None if none exists."""
+        """Return the newest cached message at or before a time; None if none exists."""
         with self._lock:
             at = bisect_right(self._stamps, nanoseconds(time))
             return self._messages[at - 1] if at else None
 
     def latest(self) -> Any:
-        """Return the message with the highest stamp; None if the cache is empty."""
+        """Return the cached message with the highest stamp; None if the cache is empty."""
         with self._lock:
             return self._messages[-1] if self._messages else None
 
     @property
     def oldest_stamp(self) -> int | None:
-        """Lowest stamp in nanoseconds; None if the cache is empty."""
+        """Lowest stamp of the cached messages in nanoseconds; None if the cache is empty."""
         with self._lock:
             return self._stamps[0] if self._stamps else None
 
     @property
     def latest_stamp(self) -> int | None:
-        """Highest stamp in nanoseconds; None if the cache is empty."""
+        """Highest stamp of the cached messages in nanoseconds; None if the cache is empty."""
         with self._lock:
             return self._stamps[-1] if self._stamps else None
 
@@ -604,7 +638,7 @@ class Cache(MessageFilter):
         return len(self._messages)
 
     def clear(self) -> None:
-        """Remove all messages."""
+        """Remove all messages from the cache."""
         with self._lock:
             self._stamps.clear()
             self._messages.clear()

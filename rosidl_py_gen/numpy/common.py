@@ -1,4 +1,4 @@
-"""Helpers that all conversions share: the error class, checks of fields, the class of the result, and texts in HTML."""
+"""Helpers that all numpy conversions share: the error class, checks of fields, the class of the result, HTML texts."""
 
 from __future__ import annotations
 
@@ -28,15 +28,18 @@ R = TypeVar("R")
 _OF_DICTS = "subscribe with the class instead of the name"
 
 MAX_UINT32 = 2**32 - 1
-"""Largest value of rows, columns and sizes, which are uint32 in all messages."""
+"""Maximum of rows, columns and sizes, which are uint32 in all messages."""
 
 
 class ConversionError(RosidlError, ValueError):
-    """A message and an array that do not fit; names the field, the value found and the expected one."""
+    """Error of a message and an array that do not fit; the text names the field, the found and the expected value."""
 
 
 def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Make a function raise `ConversionError` if its first argument, a message, lacks a field."""
+    """Return a decorator for a function of a message: it raises `ConversionError` if the message lacks a field.
+
+    `expected` describes the message in the error text; the message is the function's first argument.
+    """
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
         @wraps(function)
@@ -54,7 +57,10 @@ def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return the bytes of a field as a one-dimensional array, without a copy if they are contiguous."""
+    """Return the bytes of a message field as a one-dimensional array, without a copy if they are contiguous.
+
+    Raises `ConversionError` if the value has no bytes.
+    """
     try:
         if isinstance(data, bytes | bytearray | memoryview):
             return np.frombuffer(data, np.uint8)
@@ -65,7 +71,7 @@ def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
 
 
 def as_float64(value: Any, expected: str, field: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return a value as an array of float64; raises `ConversionError` if it has no numbers."""
+    """Return a value as an array of float64; raises `ConversionError` if it is not made of numbers."""
     try:
         return np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
@@ -73,24 +79,24 @@ def as_float64(value: Any, expected: str, field: str = "") -> np.ndarray[Any, np
 
 
 def message_class(cls: type[M] | None, name: str, header: Message | None = None) -> Callable[..., M]:
-    """Return the class of the result, `cls` or the one that is installed or bundled; makes messages with the header."""
+    """Return a function that makes the result message with the header: `cls`, or the message class named `name`."""
     found: Any = get_message(name) if cls is None else cls
     return found if header is None else partial(found, header=header)
 
 
 def check_count(value: Any, field: str) -> int:
-    """Return a number of rows or bytes; raises `ConversionError` if the value is not a uint32."""
+    """Return a number of rows or bytes unchanged; raises `ConversionError` if the value of `field` is not a uint32."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= value <= MAX_UINT32:
         return int(value)
     raise ConversionError(f"{field}: expected a number from 0 to {MAX_UINT32}, got {value!r:.50}")
 
 
 def contiguous_native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
-    """Return the array contiguous and in one byte order, and True if that is big-endian."""
+    """Return the array contiguous in memory, and True if its byte order is big-endian."""
     piece = np.ascontiguousarray(array)
     return piece, piece.dtype.newbyteorder(">") == piece.dtype and piece.dtype.newbyteorder("<") != piece.dtype
 
 
 def escaped(text: str, max_length: int = 1000) -> str:
-    """Return a text for HTML, of at most `max_length` characters before escaping; texts of peers are not trusted."""
+    """Return a text escaped for HTML, cut to `max_length` characters before; texts of peers are not trusted."""
     return escape(printable(text, max_length))

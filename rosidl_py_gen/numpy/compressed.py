@@ -25,7 +25,7 @@ _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
 _ENCODINGS = {"L": "mono8", "RGB": "rgb8", "RGBA": "rgba8", "I;16": "mono16", "I;16B": "mono16", "F": "32FC1"}
 _OTHER_MODES = {"1": "L", "P": "RGB", "PA": "RGBA", "LA": "RGBA", "CMYK": "RGB", "YCbCr": "RGB", "RGBX": "RGB"}
 _DEPTH_HEADER = struct.Struct("<iff")
-"""Header of compressed_depth_image_transport before the PNG: a format, and two parameters of 32FC1."""
+"""Layout of the header before the PNG of compressed_depth_image_transport: a format, and two parameters of 32FC1."""
 _MAX_GRAY = 65535
 
 
@@ -43,7 +43,7 @@ def compressedimage_to_array(
     Returns:
         uint8 of shape ``(height, width, 3)``, red first whatever the original encoding; ``(height, width, 4)`` if some
         pixels are transparent; ``(height, width)`` of uint8 or uint16 without colours. Depths are uint16, or float32
-        with NaN for unknown ones.
+        with NaN for unknown depths.
 
     Raises:
         ConversionError: the data is damaged, too large, or has another format; or it cannot be converted to `to`.
@@ -173,7 +173,7 @@ def array_to_compressedimage(
 
 
 def pillow_image() -> ModuleType:
-    """Return the module ``PIL.Image``; raises `ExtraMissingError`."""
+    """Return the module ``PIL.Image``; raises `ExtraMissingError` if Pillow is not installed."""
     try:
         from PIL import Image
     except ModuleNotFoundError as missing:

@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 Pixels = np.ndarray[Any, np.dtype[Any]]
 
 _COLORS = {f"{order}{bits}": (order, bits) for order in ("rgb", "bgr", "rgba", "bgra", "mono") for bits in (8, 16)}
-"""Encodings that can be converted to; all others can only be converted from."""
+"""Encodings to which pixels can be converted, with order and bits of their channels; all others can only be sources."""
 _PACKED = {"yuv422": (1, 0, 2), "uyvy": (1, 0, 2), "yuv422_yuy2": (0, 1, 3), "yuyv": (0, 1, 3)}
-"""Offsets of the brightness of the first pixel, of blue and of red in the four bytes of two pixels."""
+"""Offsets of the first pixel's brightness, of blue and of red in the four bytes of two pixels, by encoding."""
 _KNOWN: dict[str, tuple[str, int]] = {
     **{name: (f"u{bits // 8}", 1 if order == "mono" else len(order)) for name, (order, bits) in _COLORS.items()},
     **{f"bayer_{order}{bits}": (f"u{bits // 8}", 1) for order in ("rggb", "bggr", "gbrg", "grbg") for bits in (8, 16)},
     **dict.fromkeys(_PACKED, ("u1", 2)),
 }
 _PLANES = {"nv21": (3, 2), "nv24": (3, 1)}
-"""Rows of bytes and the rows of pixels that they store: a plane of brightness, then one of colour."""
+"""Rows of bytes for a number of rows of pixels, by encoding: a plane of brightness, then a plane of colour."""
 _GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)C([0-9]{0,4})")
 _KINDS = {"U": "u", "S": "i", "F": "f"}
 _DEFAULT_ENCODING = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8", ("u1", 4): "rgba8", ("u2", 3): "rgb16"}
@@ -113,13 +113,14 @@ def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> 
 def array_to_image(
     array: Any, encoding: str | None = None, *, header: Message | None = None, cls: type[M] | None = None
 ) -> M:
-    """Return an image message of an array; the inverse of `image_to_array`.
+    """Return an image message with the pixels of an array, the inverse of `image_to_array`.
 
     Args:
         array: pixels as `image_to_array` returns them. A contiguous array is not copied: the message shares its memory.
         encoding: None means ``mono8``, ``mono16``, ``rgb8``, ``rgba8`` or ``rgb16`` if the shape fits, else the OpenCV
             name, such as ``32FC1``.
         header: a ``std_msgs/msg/Header``.
+        cls: class of the message; None uses `get_message`.
 
     Raises:
         ConversionError: dtype or shape do not fit the encoding, or no encoding fits them.
@@ -139,10 +140,11 @@ def array_to_image(
 
 
 def convert_pixels(array: Any, encoding: str, to: str) -> np.ndarray[Any, Any]:
-    """Return pixels of one encoding converted to another; the same array if nothing changes.
+    """Return pixels converted from one encoding to another; the same array if nothing changes.
 
     Args:
         array: pixels as `image_to_array` returns them.
+        encoding: encoding of the array.
         to: an encoding, as for `image_to_array`.
 
     Raises:
@@ -153,7 +155,10 @@ def convert_pixels(array: Any, encoding: str, to: str) -> np.ndarray[Any, Any]:
 
 
 def checked_encoding(array: Any, encoding: str | None) -> tuple[np.ndarray[Any, Any], str]:
-    """Return the array, and its encoding, guessed if None; raises `ConversionError` if they do not fit."""
+    """Return pixels as an array, and their encoding, which is guessed from dtype and shape if None.
+
+    Raises `ConversionError` if array and encoding do not fit.
+    """
     array = np.asarray(array)
     if array.ndim not in (2, 3):
         raise ConversionError(f"array: expected rows, columns and perhaps channels, got shape {array.shape}")
@@ -182,7 +187,10 @@ def _guess(dtype: np.dtype[Any], channels: int) -> str:
 
 
 def converted(array: Pixels, encoding: str, to: str) -> Pixels:
-    """Return the pixels of `encoding` converted to `to`; the same array if nothing changes."""
+    """Return pixels converted from one encoding to another; the same array if nothing changes.
+
+    Raises `ConversionError` if `encoding` has no colours, or `to` is not an encoding that can be made.
+    """
     if to not in _COLORS:
         hint = did_you_mean(to, _COLORS) if isinstance(to, str) else ""
         raise ConversionError(f"to: cannot convert to {to!r:.50}{hint}; expected one of {', '.join(_COLORS)}")
@@ -212,7 +220,10 @@ def converted(array: Pixels, encoding: str, to: str) -> Pixels:
 
 
 def _channels(array: Pixels, encoding: str) -> dict[str, Pixels] | None:
-    """Return the planes by the letters r, g, b and a, or one called mono; None if the encoding has no colours."""
+    """Return the colour planes of pixels by the letters r, g, b and a, or one plane called mono.
+
+    Returns None if the encoding has no colours.
+    """
     if encoding in _COLORS:
         order = _COLORS[encoding][0]
         return {"mono": array} if order == "mono" else {letter: array[..., at] for at, letter in enumerate(order)}
@@ -234,7 +245,7 @@ def _brightness(channels: dict[str, Pixels]) -> Pixels:
 
 
 def _as_depth(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
-    """Scale values from the full range of their type to the full range of another."""
+    """Return values scaled from the full range of their type, uint8 or uint16, to the full range of another."""
     if values.dtype == dtype:
         return values
     if dtype.itemsize == 2:
@@ -280,7 +291,7 @@ def _rgb(y: Pixels, u: Pixels, v: Pixels) -> dict[str, Pixels]:
 
 
 def _bayer(array: Pixels, pattern: str) -> dict[str, Pixels]:
-    """Return each colour: measured where the pattern has it, elsewhere the mean of the neighbours."""
+    """Return the colour planes of a Bayer image: measured where the pattern has the colour, else interpolated."""
     height, width = array.shape
     if height < 2 or width < 2:
         raise ConversionError(f"height, width: a Bayer pattern has 2 x 2 pixels at least, got {height} x {width}")
@@ -304,7 +315,7 @@ def _interpolated(array: Pixels, pattern: str, letter: str) -> Pixels:
 
 
 def _neighbours(plane: Pixels, with_corners: bool) -> Pixels:
-    """Return for each element the sum of its direct neighbours, with corners of all eight."""
+    """Return for each element of a padded plane the sum of its four neighbours, or of all eight `with_corners`."""
     total: Pixels = plane[:-2, 1:-1] + plane[2:, 1:-1] + plane[1:-1, :-2] + plane[1:-1, 2:]
     if with_corners:
         total = total + plane[:-2, :-2] + plane[:-2, 2:] + plane[2:, :-2] + plane[2:, 2:]

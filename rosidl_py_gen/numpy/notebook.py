@@ -1,8 +1,8 @@
-"""Views of objects in notebooks: pictures, trees of messages, topics of a bag, entities of a node.
+"""HTML views of objects in notebooks: pictures and trees of messages, topics of a bag, entities of a node.
 
 IPython calls the functions when it displays an object. They are registered when `rosidl_py_gen.numpy` is imported in
-IPython, or by ``%load_ext rosidl_py_gen.numpy``; this module never imports IPython. Bags and nodes are known by the
-names of their classes, as this package does not import them.
+IPython, or by ``%load_ext rosidl_py_gen.numpy``; this module never imports IPython. Bags and nodes are recognized by
+the names of their classes, as this package does not import them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
 def load_ipython_extension(ipython: Any) -> None:
-    """Display messages, bags and nodes in this IPython: ``%load_ext rosidl_py_gen.numpy`` calls it."""
+    """Register HTML views of messages, bags and nodes in an IPython; called by ``%load_ext rosidl_py_gen.numpy``."""
     html = ipython.display_formatter.formatters["text/html"]
     html.for_type(Message, message_html)
     html.for_type_by_name("rosidl_py_gen.bags.reader", "BagReader", bag_html)
@@ -33,7 +33,7 @@ def load_ipython_extension(ipython: Any) -> None:
 
 
 def register_if_running() -> None:
-    """Display objects if this process is an IPython."""
+    """Register the HTML views of messages, bags and nodes if this process is an IPython."""
     module = sys.modules.get("IPython")
     ipython = module.get_ipython() if module is not None and hasattr(module, "get_ipython") else None
     if getattr(ipython, "display_formatter", None) is not None:
@@ -41,7 +41,7 @@ def register_if_running() -> None:
 
 
 def message_html(message: Any) -> str:
-    """Return a picture of a message, if there is one for its type, above the tree of its fields.
+    """Return HTML of a message: its picture, if there is one for its type, above the tree of its fields.
 
     If the message cannot be drawn, a line states the reason.
     """
@@ -57,7 +57,7 @@ def message_html(message: Any) -> str:
 
 
 def bag_html(bag: Any) -> str:
-    """Return a table of the topics of a bag."""
+    """Return HTML of a bag: a table of its topics."""
     seconds = (bag.end_ns - bag.start_ns) / 1e9
     rows = [[one.name, one.type_name, "" if one.count is None else str(one.count)] for one in bag.channels]
     title = f"{bag.path}: {pluralize(len(bag.topics), 'topic')}, {seconds:.3f} s"
@@ -65,7 +65,7 @@ def bag_html(bag: Any) -> str:
 
 
 def node_html(node: Any) -> str:
-    """Return the entities of a node; those that every node has are in a list that is closed."""
+    """Return HTML of a node: a table of its entities, with the entities that every node has in a closed section."""
     rows: list[list[str]] = []
     own: list[list[str]] = []
     for entity in node.entities:
@@ -94,12 +94,12 @@ def _table(headings: tuple[str, ...], rows: list[list[str]]) -> str:
 
 
 def _tree(message: Message, *, is_open: bool) -> str:
-    """Return ``<details>`` for a message and each nested one, which are closed; long arrays and texts are shortened."""
+    """Return a message as an HTML tree of ``<details>``; nested messages are closed, long arrays and texts are cut."""
     return _Tree().message("", message, is_open, 0)
 
 
 class _Tree:
-    """Builder that stops after a number of lines."""
+    """Builder of the HTML tree of a message, which stops after a number of lines."""
 
     def __init__(self) -> None:
         self._lines = 0

@@ -23,13 +23,13 @@ _Pixels = np.ndarray[Any, np.dtype[np.uint8]]
 _Numbers = np.ndarray[Any, np.dtype[Any]]
 _MAX_SIDE = 640
 _MAX_PIXELS = 32_000_000
-"""Pixels of an image whose encoding cannot be thinned out before it is converted."""
+"""Maximum pixels of an image that is drawn although its encoding cannot be thinned out before the conversion."""
 _MAX_PLAIN_BYTES = 2_000_000
 _SIDE, _MIN_SIDE, _MARGIN = 480, 40, 10
 _MAX_POINTS = 200_000
 _MAX_LARGE_POINTS = 50_000
 _BY_BLOCKS = ("bayer_", "yuv422", "uyvy", "yuyv", "nv21", "nv24")
-"""Encodings whose pixels share colours with their neighbours."""
+"""Prefixes of encodings whose pixels share colours with their neighbours, so that pixels cannot be left out."""
 _HEIGHTS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
 _WHITE, _BLUE, _RED, _GREEN = (255, 255, 255), (31, 119, 180), (214, 39, 40), (44, 160, 44)
 
@@ -41,7 +41,7 @@ class _Drawn(NamedTuple):
 
 
 def picture_html(message: Any) -> str | None:
-    """Return the picture of a message in HTML; None if its type has none.
+    """Return a picture of a message with its caption in HTML; None if there is no picture for its type.
 
     Raises:
         ConversionError: the message cannot be drawn. Damaged messages may raise other errors.
@@ -103,13 +103,13 @@ def _require_pixels(array: _Numbers, size: str) -> None:
 
 
 def _thinned(array: _Numbers) -> Any:
-    """Return every n-th row and column, contiguous."""
+    """Return every n-th row and column of an image, so that it has at most 640 rows and columns."""
     step = -(-max(array.shape[:2]) // _MAX_SIDE)
     return np.ascontiguousarray(array[::step, ::step])
 
 
 def _scaled(values: _Numbers, size: str) -> _Drawn:
-    """Return numbers of any range in gray, dark for small ones; numbers that are not finite are black."""
+    """Return a gray picture of numbers of any range, dark for small ones; numbers that are not finite are black."""
     plane = (values if values.ndim == 2 else values[..., 0]).astype(np.float64)
     known = np.isfinite(plane)
     if not known.any():
@@ -140,7 +140,7 @@ def _grid(grid: Any) -> _Drawn:
 
 
 class _TopView:
-    """Picture of points from above: x to the right, y upwards, with one scale."""
+    """Picture of points seen from above: x to the right, y upwards, with one scale for both."""
 
     def __init__(self, x: _Numbers, y: _Numbers, caption: str) -> None:
         if not len(x):
@@ -158,7 +158,7 @@ class _TopView:
         self._pixels: _Pixels = np.full((self._height, self._width, 3), 255, np.uint8)
 
     def draw(self, x: _Numbers, y: _Numbers, colors: Any, radius: int) -> None:
-        """Draw points as squares."""
+        """Draw points as squares; `colors` is one colour, or an array with one for each point."""
         across = np.clip((x - self._x) * self._scale, -_SIDE, _SIDE) + self._width / 2
         down = np.clip((self._y - y) * self._scale, -_SIDE, _SIDE) + self._height / 2
         columns, rows = np.rint(across).astype(np.intp), np.rint(down).astype(np.intp)

@@ -1,4 +1,4 @@
-"""Points as structured arrays, of ``sensor_msgs/msg/PointCloud2`` and laser scans; cells of maps."""
+"""Conversions between point clouds and structured arrays, from laser scans, and between maps and arrays of cells."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 _DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "b1"}
-"""Datatypes of ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64, and those that PCL and Lyrical added."""
+"""Numpy types of the datatypes in ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64, and of those that PCL and
+Lyrical added."""
 _ADDED = frozenset(_DATATYPES[number] for number in (9, 10, 11))
 _NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
 _MAX_STEP = 2**31 - 1
-"""Largest size of a point that numpy can describe, in bytes."""
+"""Maximum bytes of a point that numpy can describe."""
 
 
 @reads_message("a sensor_msgs/msg/PointCloud2")
 def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
-    """Return the structured dtype of a point: names, offsets and byte order of `cloud`, itemsize `point_step`.
+    """Return the structured dtype of a cloud's points: names, offsets and byte order of its fields, size `point_step`.
 
     Raises:
         ConversionError: a field has an unknown datatype, does not fit into `point_step`, or two have one name; or
@@ -81,7 +82,8 @@ def pointcloud_to_array(
         above 1 is an array in each point.
 
     Raises:
-        ConversionError: as `pointcloud_dtype`; rows or data are too short; or a field does not exist.
+        ConversionError: a field of the cloud is invalid; rows or data are too short; or a name in `fields` does not
+            exist.
     """
     dtype = pointcloud_dtype(cloud)
     height, width, row_step = (check_count(getattr(cloud, name), name) for name in ("height", "width", "row_step"))
@@ -114,7 +116,7 @@ def pointcloud_to_array(
 
 
 def _check_bools(points: np.ndarray[Any, Any]) -> None:
-    """Raise `ConversionError` for a byte of a bool other than 0 and 1: numpy would compute wrong results with it."""
+    """Raise `ConversionError` if a byte of a bool field is neither 0 nor 1: numpy would compute wrong results."""
     for name in points.dtype.names or ():
         if points.dtype[name].base.kind == "b" and points.size:
             offset, shape = points.dtype.fields[name][1], points.dtype[name].shape
@@ -139,7 +141,7 @@ def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]
 
 
 def points_to_xyz(points: Any, *, skip_nans: bool = False) -> np.ndarray[Any, np.dtype[np.floating[Any]]]:
-    """Return x, y and z of structured points, of `pointcloud_to_array` for example, with shape ``(..., 3)``.
+    """Return x, y and z of structured points, such as those of `pointcloud_to_array`, with shape ``(..., 3)``.
 
     Args:
         skip_nans: exclude points of which x, y or z is NaN; the result then has shape ``(n, 3)``.
@@ -170,13 +172,15 @@ def array_to_pointcloud(
     cls: type[M] | None = None,
     is_dense: bool | None = None,
 ) -> M:
-    """Return a point cloud message of an array; the inverse of `pointcloud_to_array`.
+    """Return a point cloud message with the points of an array, the inverse of `pointcloud_to_array`.
 
     Args:
         array: structured, of shape ``(n,)`` or ``(height, width)``; or plain numbers whose last axis has the fields
             `names`. An array that is contiguous and has no gaps is not copied.
         dtype: type of the fields of plain numbers; None keeps the dtype of the array, which makes FLOAT64 fields of
             float64. RViz and PCL read x, y and z only as FLOAT32: ``"f4"``.
+        header: a ``std_msgs/msg/Header``.
+        cls: class of the message; None uses `get_message`.
         is_dense: True states that all values are finite; None checks the values.
 
     Raises:
@@ -216,7 +220,10 @@ def array_to_pointcloud(
 
 
 def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
-    """Convert to another type with rounding; raises `ConversionError` if a number is out of its range."""
+    """Return numbers in another numpy type; floats are rounded.
+
+    Raises `ConversionError` if a number is out of the type's range, or has a fraction and the type is an integer.
+    """
     if kind == values.dtype:
         return values
     if kind.kind not in "iuf" or values.dtype.kind not in "biuf":
@@ -230,7 +237,10 @@ def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[An
 
 
 def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
-    """Return contiguous points of one byte order, and True if that is big-endian; bytes between fields are zero."""
+    """Return points contiguous in memory and in one byte order, and True if that is big-endian.
+
+    Bytes between fields are zero. Raises `ConversionError` for a type that point clouds do not have.
+    """
     dtype = points.dtype
     kinds = {name: dtype[name].base for name in dtype.names or ()}
     for name, kind in kinds.items():
@@ -270,7 +280,7 @@ def _field(dtype: np.dtype[Any], name: str, cloud: type[Any] | None) -> Any:
 
 @reads_message("a sensor_msgs/msg/LaserScan")
 def laserscan_to_points(scan: Any, *, skip_invalid: bool = True) -> np.ndarray[Any, np.dtype[np.void]]:
-    """Return the points that a ``sensor_msgs/msg/LaserScan`` measured, in its own frame: z is 0.
+    """Return the points that a ``sensor_msgs/msg/LaserScan`` measured, in the frame of the scan, with z = 0.
 
     The scanner is assumed not to move while it turns.
 
@@ -327,7 +337,9 @@ def _number(scan: Any, name: str) -> float:
 
 @reads_message("a nav_msgs/msg/OccupancyGrid")
 def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, np.dtype[np.int8]]:
-    """Return the cells of a map: ``array[row, column]``, -1 unknown, 0 free to 100 occupied; row 0 is at the origin.
+    """Return the cells of a map as ``array[row, column]``, with row 0 at the map's origin.
+
+    A cell is -1 if unknown, else from 0 (free) to 100 (occupied).
 
     Args:
         copy: return a copy; otherwise the result shares the cells of `grid`.
@@ -363,12 +375,14 @@ def array_to_occupancygrid(
     header: Message | None = None,
     cls: type[M] | None = None,
 ) -> M:
-    """Return a map message; the inverse of `occupancygrid_to_array`.
+    """Return a map message with the cells of an array, the inverse of `occupancygrid_to_array`.
 
     Args:
         array: integers of shape ``(height, width)``, from -1 to 100.
         resolution: size of a cell, in metres.
         origin: a ``geometry_msgs/msg/Pose`` of cell (0, 0).
+        header: a ``std_msgs/msg/Header``.
+        cls: class of the message; None uses `get_message`.
 
     Raises:
         ConversionError: the array has another shape, or values that are not cells.

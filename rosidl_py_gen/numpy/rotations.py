@@ -1,4 +1,4 @@
-"""Quaternions, rotation matrices, Euler angles and homogeneous transforms.
+"""Conversions between quaternions, rotation matrices, Euler angles and homogeneous transforms.
 
 Quaternions have the order x, y, z, w, as in ``geometry_msgs``. Euler angles are roll, pitch, yaw in radians about the
 fixed axes x, y, z (REP 103). Every function is vectorized: the last axes are one quaternion or matrix.
@@ -14,7 +14,7 @@ from rosidl_py_gen.numpy.common import ConversionError, M, as_float64, message_c
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _TOLERANCE = 1e-3
-"""Largest deviation of a matrix from a rotation: enough for float32 and for values printed with four digits."""
+"""Maximum deviation of a matrix from a rotation: enough for float32 and for values printed with four digits."""
 
 
 def _quaternions(value: Any) -> Array:
@@ -31,10 +31,12 @@ def _quaternions(value: Any) -> Array:
 
 
 def quaternion_to_matrix(quaternion: Any) -> Array:
-    """Return rotation matrices of shape ``(..., 3, 3)`` of a Quaternion message, or of an array ``(..., 4)``.
+    """Return rotation matrices of shape ``(..., 3, 3)`` for a Quaternion message, or for an array ``(..., 4)``.
+
+    Quaternions need not have length 1.
 
     Raises:
-        ConversionError: the shape is another, or a quaternion is zero or not finite. Others are normalised.
+        ConversionError: the shape is another, or a quaternion is zero or not finite.
     """
     x, y, z, w = np.moveaxis(_quaternions(quaternion), -1, 0)
     rows = (
@@ -46,7 +48,7 @@ def quaternion_to_matrix(quaternion: Any) -> Array:
 
 
 def matrix_to_quaternion(matrix: Any) -> Array:
-    """Return quaternions of shape ``(..., 4)`` with w >= 0, of rotation matrices ``(..., 3, 3)``.
+    """Return quaternions of shape ``(..., 4)`` with w >= 0 for rotation matrices of shape ``(..., 3, 3)``.
 
     Raises:
         ConversionError: the shape is another, or a matrix is not a rotation: its columns are not perpendicular and of
@@ -74,7 +76,11 @@ def matrix_to_quaternion(matrix: Any) -> Array:
 
 
 def euler_to_quaternion(roll: Any, pitch: Any, yaw: Any) -> Array:
-    """Return quaternions of shape ``(..., 4)`` of angles in radians; raises `ConversionError` for others."""
+    """Return quaternions of shape ``(..., 4)`` for Euler angles in radians.
+
+    Raises:
+        ConversionError: an argument is not made of numbers.
+    """
     halves = np.broadcast_arrays(*(as_float64(angle, "angles in radians") / 2 for angle in (roll, pitch, yaw)))
     (sr, sp, sy), (cr, cp, cy) = np.sin(halves), np.cos(halves)
     return np.stack(
@@ -89,10 +95,12 @@ def euler_to_quaternion(roll: Any, pitch: Any, yaw: Any) -> Array:
 
 
 def quaternion_to_euler(quaternion: Any) -> Array:
-    """Return roll, pitch, yaw of shape ``(..., 3)``, pitch from -pi/2 to pi/2; roll is 0 at both ends of that range.
+    """Return roll, pitch, yaw in radians, with shape ``(..., 3)``, for a Quaternion message or an array ``(..., 4)``.
+
+    Pitch is from -pi/2 to pi/2; at both ends of that range, roll is 0.
 
     Raises:
-        ConversionError: as `quaternion_to_matrix`.
+        ConversionError: the shape is another, or a quaternion is zero or not finite.
     """
     x, y, z, w = np.moveaxis(_quaternions(quaternion), -1, 0)
     sine = 2 * (w * y - x * z)
@@ -127,7 +135,10 @@ def transform_to_matrix(transform: Any) -> Array:
 
 
 def matrix_to_transform(matrix: Any, *, cls: type[M] | None = None) -> M:
-    """Return a message of a 4 x 4 matrix; `cls` is Transform, the default, or Pose.
+    """Return a Transform or Pose message with the translation and rotation of a 4 x 4 matrix.
+
+    Args:
+        cls: class of the message; None means Transform.
 
     Raises:
         ConversionError: the matrix has another shape or last row, or is not a rotation.

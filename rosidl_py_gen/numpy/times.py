@@ -1,4 +1,4 @@
-"""Conversions between ``builtin_interfaces`` Time and Duration, and Python's `datetime`.
+"""Conversions between ``builtin_interfaces`` Time and Duration, and Python's `datetime` and `timedelta`.
 
 Python counts microseconds: converting to it drops the last three digits of the nanoseconds, rounding down.
 """
@@ -23,12 +23,12 @@ def _nanoseconds(message: Any) -> int:
 
 
 def time_to_datetime(stamp: Any) -> datetime:
-    """Return the moment of a Time message, with the time zone UTC."""
+    """Return the moment of a Time message as a datetime with the time zone UTC."""
     return _EPOCH + timedelta(microseconds=_nanoseconds(stamp) // 1000)
 
 
 def datetime_to_time(moment: datetime, *, cls: type[M] | None = None) -> M:
-    """Return a Time message of a moment.
+    """Return a Time message for a datetime.
 
     Raises:
         ConversionError: `moment` is not a datetime; has no time zone, so that it means another moment on another
@@ -42,12 +42,16 @@ def datetime_to_time(moment: datetime, *, cls: type[M] | None = None) -> M:
 
 
 def duration_to_timedelta(duration: Any) -> timedelta:
-    """Return the length of a Duration message."""
+    """Return the length of a Duration message as a timedelta."""
     return timedelta(microseconds=_nanoseconds(duration) // 1000)
 
 
 def timedelta_to_duration(length: timedelta, *, cls: type[M] | None = None) -> M:
-    """Return a Duration message; raises `ConversionError` if `length` is not a timedelta or exceeds 68 years."""
+    """Return a Duration message for a timedelta.
+
+    Raises:
+        ConversionError: `length` is not a timedelta, or exceeds 68 years.
+    """
     if not isinstance(length, timedelta):
         raise ConversionError(f"expected a timedelta, got {length!r:.100}")
     return _from_nanoseconds(length // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Duration")

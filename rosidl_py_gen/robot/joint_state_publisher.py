@@ -24,7 +24,11 @@ _MAX_RATE_HZ = 10_000
 
 @dataclass(slots=True)
 class _FreeJoint:
-    """Joint that mimics no other joint; `values` contains the known ones of position, velocity and effort."""
+    """Joint that mimics no other joint.
+
+    Attributes:
+        values: the values of position, velocity and effort that are known.
+    """
 
     lower: float
     upper: float
@@ -33,7 +37,7 @@ class _FreeJoint:
     direction: int = 1
 
     def move(self, delta: float) -> None:
-        """Move between the limits, or around."""
+        """Change the position by `delta`, back and forth between the limits; a continuous joint goes around."""
         position = self.values["position"] + self.direction * delta
         if position > self.upper and self.is_continuous:
             position = self.lower
@@ -44,7 +48,13 @@ class _FreeJoint:
 
 
 class JointStatePublisher:
-    """Node of a context whose first argument may be the file of a URDF; raises errors of this package."""
+    """Node `joint_state_publisher` of a context, whose first argument may be the file of a URDF.
+
+    Raises:
+        ParameterError: a parameter has another type.
+        ProgramError: a parameter has an invalid value.
+        DefinitionError: the robot description is invalid.
+    """
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context, automatically_declare_parameters_from_overrides=True)
@@ -88,7 +98,12 @@ class JointStatePublisher:
         node.create_timer(1 / rate, self._publish)
 
     def _parameter(self, name: str, kind: type, default: Any) -> Any:
-        """Return the value of a parameter; raises `ParameterError` for another type, `ProgramError` for infinity."""
+        """Return the value of a parameter, which is declared if necessary.
+
+        Raises:
+            ParameterError: the value has another type.
+            ProgramError: the value is infinite or NaN.
+        """
         if not self.node.has_parameter(name):
             self.node.declare_parameter(name, default)
         value: Any = self.node.get_parameter(name)
@@ -108,7 +123,11 @@ class JointStatePublisher:
                 self.node.logger.error(f"robot description ignored: {error}")
 
     def _use_description(self, text: str, path: str = "<robot_description>") -> None:
-        """Use the movable joints of a URDF; raises `DefinitionError` or `ProgramError` and changes nothing."""
+        """Use the movable joints of a URDF from now on.
+
+        Raises `DefinitionError` for an invalid URDF, or `ProgramError` for invalid mimic relations, and changes nothing
+        then.
+        """
         movable = {name: joint for name, joint in parse_urdf(text, path).items() if joint.type in MOVABLE_TYPES}
         mimics = {name: mimic for name, mimic in self._dependent.items() if name in movable}
         if self._use_mimic:
@@ -164,5 +183,5 @@ class JointStatePublisher:
 
 
 def main() -> int:
-    """Run the node; return the exit code."""
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
     return serve(NAME, JointStatePublisher)

@@ -1,4 +1,4 @@
-"""Common parts of the executables: running a node until it is stopped, and errors of the command line."""
+"""Common parts of the robot executables: running a node until it is stopped, and errors of the command line."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Durability, ParameterError, QoSProfile, RosArgumentError, get_logger, run
 
 LATCHED = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
-"""QoS of the topic ``robot_description``."""
+"""QoS profile of the topic ``robot_description``, whose last message later subscribers receive."""
 WARNING_INTERVAL_S = 10.0
-"""Time between two warnings about the messages of a topic, which may arrive at any rate."""
+"""Minimum time between two warnings about the messages of a topic, which may arrive at any rate."""
 
 
 class ProgramError(RosidlError, ValueError):
-    """Arguments or parameters of an executable are invalid; the executable ends with exit code 1."""
+    """Error of an executable's arguments or parameters; the executable ends with exit code 1."""
 
 
 def serve(name: str, create: Callable[[], Any]) -> int:
-    """Run the node of an object until SIGINT or SIGTERM; return the exit code, 1 if `create` raises our error."""
+    """Run the node of the object that `create` returns until SIGINT or SIGTERM; return the exit code.
+
+    The exit code is 1 if `create` raises an error of this package, which is logged.
+    """
 
     async def main() -> int:
         try:

@@ -32,7 +32,13 @@ class RobotParameters:
 
 
 class RobotStatePublisher:
-    """Node of a context whose first argument may be the file of a URDF; raises errors of this package."""
+    """Node `robot_state_publisher` of a context, whose first argument may be the file of a URDF.
+
+    Raises:
+        ParameterError: a parameter has an invalid value.
+        ProgramError: there is no robot description.
+        DefinitionError: the file of the URDF cannot be read.
+    """
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context)
@@ -56,7 +62,7 @@ class RobotStatePublisher:
         node.add_post_set_callback(self._apply_parameters)
 
     def _refusal(self, new: RobotParameters) -> str | None:
-        """Keep the joints of a description, or return why it is refused."""
+        """Return why new parameters are refused, or None; the joints of an accepted robot description are stored."""
         text = new.robot_description
         try:
             if text not in self._parsed and (text or self._parsed):  # at the start, a file may replace no text
@@ -73,7 +79,7 @@ class RobotStatePublisher:
             self._publish_fixed()
 
     def _use_robot(self) -> None:
-        """Publish the description and its fixed transforms."""
+        """Publish the current robot description and the transforms of its fixed joints."""
         text = self._parameters.robot_description
         self._joints = self._parsed[text]
         self._published_ns: dict[str, int] = {}
@@ -86,7 +92,10 @@ class RobotStatePublisher:
         self.node.logger.info("Robot initialized")
 
     def _publish_fixed(self) -> None:
-        """Publish fixed and planar joints; floating joints are left to other nodes. Set the frames of all."""
+        """Publish the transforms of fixed and planar joints, and prepare the message of each joint with its frames.
+
+        Floating joints are left to other nodes.
+        """
         now, prefix = self.node.clock.now().nanoseconds, self._parameters.frame_prefix
         self._messages: dict[str, Any] = {}  # reused for each position
         for name, joint in self._joints.items():
@@ -137,5 +146,5 @@ class RobotStatePublisher:
 
 
 def main() -> int:
-    """Run the node; return the exit code."""
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
     return serve(NAME, RobotStatePublisher)

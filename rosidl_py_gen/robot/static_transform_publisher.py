@@ -35,11 +35,15 @@ _ANGLES = ("roll", "pitch", "yaw")
 _QUATERNION = {"qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
 _OPTIONS = ("x", "y", "z", *_ANGLES, *_QUATERNION, *_FRAMES)
 _OLD_FORMS = {8: ("x", "y", "z", *reversed(_ANGLES), *_FRAMES), 9: ("x", "y", "z", *_QUATERNION, *_FRAMES)}
-"""Names of arguments without options, by their number."""
+"""Names of the values in a command line without options, by their number."""
 
 
 def parse_transform(arguments: Sequence[str]) -> dict[str, Any]:
-    """Parse the command line (without ROS arguments) into parameters; raises `ProgramError`."""
+    """Return the transform of a command line (without ROS arguments) as node parameters.
+
+    Raises:
+        ProgramError: an argument is missing, unknown or has an invalid value.
+    """
     found: dict[str, str] = {}
     warn = get_logger(NAME).warning
     if len(arguments) in _OLD_FORMS and not any(word.startswith("--") for word in arguments):
@@ -79,7 +83,11 @@ def parse_transform(arguments: Sequence[str]) -> dict[str, Any]:
 
 
 class StaticTransformPublisher:
-    """Node of a context whose arguments are the transform, as its read-only parameters then; raises our errors."""
+    """Node that publishes the transform in its context's arguments, and has it as read-only parameters.
+
+    Raises:
+        ProgramError: an argument is missing, unknown or has an invalid value.
+    """
 
     def __init__(self, *, context: Context | None = None) -> None:
         context = context or Context.default()
@@ -96,7 +104,7 @@ class StaticTransformPublisher:
 
 
 def main() -> int:
-    """Run the node; return the exit code."""
+    """Run the node until SIGINT or SIGTERM, or print the usage; return the exit code."""
     if not {"-h", "--help"}.isdisjoint(sys.argv[1:]):
         print(USAGE, end="")
         return 0

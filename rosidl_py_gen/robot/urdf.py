@@ -22,7 +22,7 @@ from rosidl_py_gen.tf.quaternion_math import ORIGIN, Quaternion, Vector, add, no
 
 MAX_BYTES = 8 * MAX_FILE_BYTES  # URDFs of humanoids with all their meshes have about 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
-"""Types of joints with one position."""
+"""Types of joints that have one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 """Pattern of the numbers that urdfdom reads: no infinity, NaN, hexadecimal digits or decimal comma."""
@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """Dependence of a joint: its position is the position of `joint` times `multiplier` plus `offset`."""
+    """Dependence of a joint's position: it is the position of the joint `joint` times `multiplier` plus `offset`."""
 
     joint: str
     multiplier: float = 1.0
@@ -39,7 +39,7 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Joint between two links.
+    """Joint between two links of a URDF.
 
     Attributes:
         type: one of `JOINT_TYPES`.
@@ -71,7 +71,7 @@ class Joint:
 
 
 def read_description(path: str) -> str:
-    """Return the text of a file; raises `DefinitionError`."""
+    """Return the text of a URDF file; raises `DefinitionError` if it cannot be read, is too large or not UTF-8."""
     try:
         return read_file(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -80,7 +80,11 @@ def read_description(path: str) -> str:
 
 
 def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]:
-    """Return the joints of a URDF by name, in its order; raises `DefinitionError`, in whose text `path` is."""
+    """Return the joints of a URDF by name, in the order of the URDF; `path` is for errors.
+
+    Raises:
+        DefinitionError: the text is not a URDF, or its links do not form a tree.
+    """
     text = text.lstrip("\ufeff")
     if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
         found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"
@@ -139,7 +143,7 @@ def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tupl
 
 
 def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str, Joint]) -> None:
-    """Raise `DefinitionError` unless all links hang from one."""
+    """Raise `DefinitionError` unless the links form one tree, connected by the joints."""
     if not links:
         raise root.error("no links; expected at least one <link> directly below <robot>")
     parents: dict[str, Joint] = {}
@@ -209,7 +213,7 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def parse_number(text: str) -> float:
-    """Return a finite number, or NaN for another text."""
+    """Return the number in a text; NaN if the text is not a finite number."""
     value = float(text) if len(text) < 1000 and _NUMBER.fullmatch(text) else math.nan
     return value if math.isfinite(value) else math.nan
 
@@ -226,7 +230,10 @@ def _number(element: XmlElement, key: str, where: str, default: float = 0.0) -> 
 
 
 def _numbers(element: XmlElement, key: str, where: str, *defaults: float) -> Any:
-    """Return the numbers of an attribute, as many as there are defaults."""
+    """Return the numbers of an XML attribute, as many as there are defaults; the defaults if the attribute is missing.
+
+    Raises `DefinitionError` for other texts.
+    """
     text = element.attributes.get(key)
     if text is None:
         return defaults

@@ -1,4 +1,4 @@
-"""The only importer of pyarrow, for the other modules of this package."""
+"""Loader of pyarrow: the other modules of `tables` import pyarrow only from here."""
 
 from __future__ import annotations
 
@@ -16,16 +16,19 @@ pa: Any = _pyarrow
 
 
 def parquet() -> Any:
-    """Return ``pyarrow.parquet``, which is loaded only when it is needed."""
+    """Return the module ``pyarrow.parquet``, which is imported at the first call."""
     return import_module("pyarrow.parquet")
 
 
 def from_numpy(values: Any, kind: Any = None) -> Any:
-    """Return an Arrow array of numbers, copied only if they are bools; `kind` is another type of the same bytes."""
+    """Return a numpy array of numbers as an Arrow array, copied only if they are bools.
+
+    `kind` is another Arrow type of the same bytes, as which the numbers are read.
+    """
     array = pa.array(values)
     return array if kind is None else array.view(kind)
 
 
 def from_buffers(kind: Any, length: int, *buffers: Any, children: Any = ()) -> Any:
-    """Return an Arrow array without nulls, of the buffers and children that its type has."""
+    """Return an Arrow array without nulls from the buffers and child arrays that its type requires."""
     return pa.Array.from_buffers(kind, length, [None, *map(pa.py_buffer, buffers)], null_count=0, children=[*children])

@@ -1,4 +1,4 @@
-"""Columns of a message class: the tree that schema, reading and writing share, and arrays of Arrow made from numpy.
+"""Columns of a message class: the tree that schema, reading and writing share, and Arrow arrays made from numpy arrays.
 
 Columns have the names of fields. `log_time` and `publish_time` are the times of the bag: a field of that name gets a
 trailing underscore, which ROS does not allow in names. The number of columns is limited, because definitions in bags
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class Kind(Enum):
-    """Kind of a single value of a column."""
+    """Kind of a single value (not of a list) in a column."""
 
     NUMBER = "number"
     STRING = "string"
@@ -62,7 +62,7 @@ _TIME_KINDS = {"builtin_interfaces/msg/Time": Kind.TIME, "builtin_interfaces/msg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnNode:
-    """Field of a message as a column.
+    """Field of a message as a column of a table.
 
     Attributes:
         name: name of the column.
@@ -78,19 +78,19 @@ class ColumnNode:
 
     @property
     def code(self) -> str:
-        """Struct code of numbers."""
+        """Struct code of the numbers in the column, such as ``d`` for float64."""
         primitive = self.field.type.primitive
         assert primitive is not None
         return primitive.code
 
     @property
     def is_binary(self) -> bool:
-        """True for bytes, which are one value, not a list of numbers."""
+        """True for sequences and arrays of bytes, which are one binary value, not a list of numbers."""
         return self.kind is Kind.NUMBER and self.length is not None and self.code == "B"
 
 
 def kind_of(field: Field) -> Kind:
-    """Return the kind of a single element."""
+    """Return the kind of a single value of a field; for arrays and sequences, of one element."""
     if field.cls is None:
         return Kind.STRING if field.type.is_string else Kind.NUMBER
     if not field.cls._TYPE.fields:
@@ -100,7 +100,10 @@ def kind_of(field: Field) -> Kind:
 
 @cached_per_class
 def column_count(cls: type[Any], depth: int = 0) -> int:
-    """Return the number of columns of a class, including columns of elements, without making them."""
+    """Return the number of columns that a message class needs, including columns in list elements.
+
+    Raises `BagError` if messages are nested too deeply.
+    """
     if depth > _MAX_DEPTH:
         raise BagError(f"{cls._TYPE.name} is nested too deeply for a table; expected at most {_MAX_DEPTH} levels")
     return sum(
@@ -111,7 +114,7 @@ def column_count(cls: type[Any], depth: int = 0) -> int:
 
 @cached_per_class
 def nodes_of(cls: type[Any]) -> tuple[ColumnNode, ...]:
-    """Return the columns of a message class; raises `BagError` for too many, or if they are nested too deeply."""
+    """Return the top-level columns of a message class; raises `BagError` if they are too many or nested too deeply."""
     count = column_count(cls)
     if count > MAX_COLUMNS:
         raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {MAX_COLUMNS}")
@@ -121,7 +124,7 @@ def nodes_of(cls: type[Any]) -> tuple[ColumnNode, ...]:
 
 
 def free_name(name: str, names: Collection[str], reserved: Collection[str]) -> str:
-    """Return the name of a column, with underscores appended while it is reserved or used."""
+    """Return a name for the column of a field, with underscores appended while the name is reserved or used."""
     result = name
     while result in reserved or (result != name and result in names):
         result += "_"
@@ -140,7 +143,7 @@ def _node(field: Field, name: str) -> ColumnNode:
 
 @dataclass(frozen=True, slots=True)
 class SelectedColumn:
-    """Column of a table: its name, and the nodes on its path."""
+    """Column of a table: its name, and the column nodes on the path to its field."""
 
     name: str
     path: tuple[ColumnNode, ...]
@@ -151,7 +154,7 @@ class SelectedColumn:
 
 
 def select_columns(cls: type[Any], columns: Iterable[str] | str | None) -> list[SelectedColumn]:
-    """Return the columns that paths such as ``header.stamp`` select, named like the paths; None selects the fields.
+    """Return the columns that paths such as ``header.stamp`` select, named like the paths; None selects all fields.
 
     Raises `BagError` if a field does not exist, or is inside the elements of a list.
     """
@@ -218,12 +221,12 @@ _ELEMENT_TYPES = {
     Kind.EMPTY: pa.null(),
 }
 ColumnArrays: TypeAlias = "dict[ColumnNode, Any]"
-"""Arrow arrays by column; `assembled` makes the array of a struct from the arrays of its children."""
+"""Arrow arrays by column; a struct column is missing, and `assembled` makes it from the arrays of its fields."""
 _MAX_OFFSET = (1 << 31) - 1
 
 
 def element_type(node: ColumnNode) -> Any:
-    """Return the Arrow type of one element of a column."""
+    """Return the Arrow type of a single value of a column, not of a list."""
     if node.kind is Kind.NUMBER:
         return NUMBERS[node.code]
     if node.kind is Kind.STRUCT:
@@ -232,7 +235,7 @@ def element_type(node: ColumnNode) -> Any:
 
 
 def type_of(node: ColumnNode) -> Any:
-    """Return the Arrow type of a column; raises `BagError` if it is too large for Arrow."""
+    """Return the Arrow type of a column; raises `BagError` if Arrow has no such type."""
     try:
         if node.is_binary:
             return pa.binary(node.length if node.length is not None else VARIABLE_LENGTH)
@@ -245,13 +248,16 @@ def type_of(node: ColumnNode) -> Any:
 
 
 def field_of(node: ColumnNode, name: str | None = None) -> Any:
-    """Return the Arrow field of a column."""
+    """Return the Arrow field of a column: name, type, and the ROS type as metadata."""
     nullable = node.kind is Kind.EMPTY and node.length is None
     return pa.field(name or node.name, type_of(node), nullable, {TYPE: str(node.field.type)})
 
 
 def schema_of(cls: type[Any], columns: Sequence[SelectedColumn], topic: BagTopic | None = None) -> Any:
-    """Return the schema of a table with the bag's times and these columns; raises `BagError`."""
+    """Return the Arrow schema of a table with the bag's times and the selected columns.
+
+    The metadata describes message type and topic. Raises `BagError` if Arrow has no type for a column.
+    """
     times = [pa.field(name, NANOSECONDS, nullable=False) for name in (LOG_TIME, PUBLISH_TIME)]
     fields = [field_of(column.node, column.name) for column in columns]
     by_type = {name: values for name, one in referenced_classes(cls).items() if (values := constants(one))}
@@ -265,7 +271,7 @@ def schema_of(cls: type[Any], columns: Sequence[SelectedColumn], topic: BagTopic
 
 
 def offsets(node: ColumnNode, sizes: Array) -> NDArray[np.int32]:
-    """Return Arrow offsets for lists or texts of these sizes."""
+    """Return Arrow offsets for lists or texts of these sizes; raises `BagError` if the total exceeds Arrow's limit."""
     result = np.zeros(len(sizes) + 1, np.int64)
     np.cumsum(sizes, out=result[1:])
     if result[-1] > _MAX_OFFSET:
@@ -274,7 +280,7 @@ def offsets(node: ColumnNode, sizes: Array) -> NDArray[np.int32]:
 
 
 def elements(node: ColumnNode, values: Array) -> Any:
-    """Return one-dimensional values as elements of a column of numbers, times or messages without fields."""
+    """Return numpy values as an Arrow array of single values: numbers, times or messages without fields."""
     if node.kind is Kind.EMPTY:
         return pa.nulls(len(values))
     if node.kind is Kind.NUMBER:
@@ -283,12 +289,12 @@ def elements(node: ColumnNode, values: Array) -> Any:
 
 
 def times(node: ColumnNode, sec: Array, nanosec: Array) -> Any:
-    """Return seconds and nanoseconds as one number; `nanosec` may exceed 10**9."""
+    """Return seconds and nanoseconds as an Arrow array of total nanoseconds; `nanosec` may exceed 10**9."""
     return from_numpy(sec.astype(np.int64) * NS_PER_S + nanosec, element_type(node))
 
 
 def fixed(node: ColumnNode, values: Array) -> Any:
-    """Return a column of values in rows of equal length."""
+    """Return a two-dimensional numpy array as an Arrow column: single values, fixed arrays or bytes."""
     if node.length is None:
         return elements(node, values.reshape(len(values)))
     if node.is_binary:
@@ -297,19 +303,19 @@ def fixed(node: ColumnNode, values: Array) -> Any:
 
 
 def fixed_lists(node: ColumnNode, count: int, children: Any) -> Any:
-    """Return a column of `count` lists of fixed size."""
+    """Return an Arrow column of `count` lists of fixed size from the array `children` of all elements."""
     return from_buffers(type_of(node), count, children=[children])
 
 
 def lists(node: ColumnNode, counts: Array, children: Any) -> Any:
-    """Return a column of lists, of fixed size or with `counts` elements."""
+    """Return an Arrow column of lists from the array `children` of all elements; `counts` has the size of each list."""
     if node.length != VARIABLE_LENGTH:
         return fixed_lists(node, len(counts), children)
     return from_buffers(type_of(node), len(counts), offsets(node, counts), children=[children])
 
 
 def sequences(node: ColumnNode, counts: Array, values: Array) -> Any:
-    """Return a column of sequences with `counts` elements from all their elements."""
+    """Return an Arrow column of sequences from the numpy array of all elements; `counts` has the size of each."""
     if not node.is_binary:
         return lists(node, counts, elements(node, values))
     buffers = (offsets(node, counts), values) if node.length == VARIABLE_LENGTH else (values,)
@@ -317,26 +323,29 @@ def sequences(node: ColumnNode, counts: Array, values: Array) -> Any:
 
 
 def texts(node: ColumnNode, sizes: Array, octets: Any) -> Any:
-    """Return a column of strings; raises ``ArrowInvalid``, a ValueError, if one is not UTF-8."""
+    """Return an Arrow column of strings from their sizes and joined UTF-8 bytes.
+
+    Raises ``ArrowInvalid``, a ValueError, if a string is not UTF-8.
+    """
     array = from_buffers(pa.string(), len(sizes), offsets(node, sizes), octets)
     array.validate(full=True)
     return array
 
 
 def assembled(node: ColumnNode, arrays: Mapping[ColumnNode, Any], count: int) -> Any:
-    """Return the array of a column, or of list elements: its own array, or made from the arrays of its fields."""
+    """Return the Arrow array of a column or of list elements; a struct is made from the arrays of its fields."""
     if (array := arrays.get(node)) is not None:
         return array
     return struct(node, [assembled(child, arrays, count) for child in node.children])
 
 
 def struct(node: ColumnNode, children: Sequence[Any]) -> Any:
-    """Return messages from the columns of their fields."""
+    """Return an Arrow struct array of messages from the columns of their fields."""
     return pa.StructArray.from_arrays(children, fields=[field_of(child) for child in node.children])
 
 
 def from_records(node: ColumnNode, values: Array) -> Any:
-    """Return an array of fixed-size messages from a structured array."""
+    """Return an Arrow struct array of fixed-size messages from a numpy structured array."""
     return struct(node, [_field_from_records(child, values[child.field.ros_name]) for child in node.children])
 
 

@@ -1,9 +1,9 @@
-"""Decoder for many messages of one class at once: numpy runs each step of their program for all of them.
+"""Decoder for many messages of one class at once: numpy runs each step of the class's program for all of them.
 
-A step reads one field of variable size, or a run of all fixed-size fields between two such. Nested messages are read
-inline, as CDR has no boundary there (docs/internals/protocol.md 2.2).
+A step reads one field of variable size, or a run of all fixed-size fields between two such fields. Nested messages are
+read inline, as CDR has no boundary there (docs/internals/protocol.md 2.2).
 
-A cursor has a position in every message, and a step moves all of them. Anything unexpected in one message raises
+A cursor has a position in every message, and a step moves all positions. Anything unexpected in one message raises
 `BatchUnsupportedError`; the messages are then decoded one by one, which names the wrong byte. Valid but unusual data,
 such as big-endian messages, may raise it too.
 
@@ -53,21 +53,22 @@ if TYPE_CHECKING:
 _TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 _BYTE = np.dtype("u1")
 _WORD_SHIFT = COUNT_BYTES.bit_length() - 1
-"""Number of bits to shift an offset by for an index of 4-byte words; a division of int64 arrays is much slower."""
+"""Number of bits to shift a byte offset by for an index of 4-byte words; dividing int64 arrays is much slower."""
 _SHORT_RANGE_BYTES = 24
-"""Average size up to which ranges are gathered byte by byte."""
+"""Maximum average size of byte ranges that are gathered byte by byte."""
 _MAX_SEQUENTIAL_ELEMENTS = 8
-"""Number of elements of varying size up to which few lists are parsed one element after the other."""
+"""Maximum number of elements of varying size in lists that are parsed element by element even if there are few lists.
+"""
 _MIN_PARALLEL_LISTS = 32
-"""Average number of lists that make it worthwhile to parse longer ones so, all lists at once."""
+"""Minimum average number of lists to parse longer lists element by element, all lists at once."""
 
 
 class BatchUnsupportedError(RosidlError):
-    """A batch cannot be decoded at once; the caller decodes message by message."""
+    """Error of a batch that cannot be decoded at once; the caller decodes its messages one by one."""
 
 
 class BatchCursor:
-    """Positions `pos` in several messages, or in several elements of messages, that end at `limit`."""
+    """Positions `pos` in several messages, or in several elements of messages, each with the end `limit`."""
 
     __slots__ = ("data", "limit", "octets", "pos", "words")
 
@@ -79,14 +80,17 @@ class BatchCursor:
         self.words: NDArray[np.uint32] = np.frombuffer(data, "<u4", len(data) // 4)
 
     def at(self, pos: Ints, limit: Ints) -> BatchCursor:
-        """Return a cursor in the same data at other positions."""
+        """Return a cursor in the same data with other positions and limits."""
         cursor = object.__new__(BatchCursor)
         cursor.data, cursor.octets, cursor.words = self.data, self.octets, self.words
         cursor.pos, cursor.limit = pos, limit
         return cursor
 
     def take(self, size: Ints | int, align: int) -> Ints:
-        """Move all positions by `size` bytes after alignment; returns where the bytes begin."""
+        """Align all positions, move them by `size` bytes, and return the aligned positions, where the bytes begin.
+
+        Raises `BatchUnsupportedError` if a position exceeds its limit.
+        """
         start: Ints = align_offset(self.pos, align) if align > 1 else self.pos
         self.pos = start + size
         if (self.pos > self.limit).any():
@@ -94,13 +98,13 @@ class BatchCursor:
         return start
 
     def counts(self) -> Ints:
-        """Read an unsigned 4-byte number at each position."""
+        """Return the unsigned 4-byte number at each position, and move all positions after it."""
         counts: Ints = self.words[self.take(COUNT_BYTES, COUNT_BYTES) >> _WORD_SHIFT].astype(np.int64)
         return counts
 
 
 def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
-    """Return a cursor after the header of each message; raises `BatchUnsupportedError`."""
+    """Return a cursor after the header of each message; raises `BatchUnsupportedError` for an unusual header."""
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     if len(messages) == 1:
         data: bytes | memoryview = messages[0]
@@ -118,7 +122,10 @@ def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
 
 
 def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor:
-    """Return a cursor after the header of each message, at multiples of 8; raises `BatchUnsupportedError`."""
+    """Return a cursor after the header of each message in `data`; the messages start at multiples of 8.
+
+    Raises `BatchUnsupportedError` for an unsupported header.
+    """
     if (sizes < HEADER_BYTES).any():
         raise BatchUnsupportedError
     cursor = BatchCursor(data, start + HEADER_BYTES, start + sizes)
@@ -128,7 +135,7 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
 
 
 def run(cursor: BatchCursor, program: Program, selected: Selected) -> ColumnArrays:
-    """Run all steps of a program; returns the columns of the selected nodes.
+    """Run the steps of a program on all messages of a cursor, and return the Arrow columns of the selected nodes.
 
     Raises `BatchUnsupportedError` if the data is invalid or unusual, `BagError` if a column is too large for Arrow.
     """
@@ -143,7 +150,7 @@ def run(cursor: BatchCursor, program: Program, selected: Selected) -> ColumnArra
 
 @dataclass(frozen=True, slots=True)
 class RunField:
-    """Values of one field in a run."""
+    """Field of fixed size in a run: its column, numpy type, alignment and number of values."""
 
     node: ColumnNode
     dtype: np.dtype[Any]
@@ -153,13 +160,13 @@ class RunField:
 
 @dataclass(frozen=True, slots=True)
 class FixedRun:
-    """Run of fields of fixed size."""
+    """Step that reads a run of fields of fixed size."""
 
     fields: tuple[RunField, ...]
     layouts: dict[int, np.dtype[np.void]] = field(default_factory=dict)
 
     def layout(self, position: int) -> np.dtype[np.void]:
-        """Return the type of the whole run at a position modulo 8, where the first value is aligned."""
+        """Return the numpy type of the run if it starts at `position` modulo 8, where its first value is aligned."""
         if position not in self.layouts:
             offsets, end = [], position
             for one in self.fields:
@@ -202,7 +209,7 @@ class FixedRun:
 
 @dataclass(frozen=True, slots=True)
 class StringField:
-    """String or wstring; inside of a list, `node` is the column of the list."""
+    """Step that reads a string or wstring; inside of a list, `node` is the column of the list."""
 
     node: ColumnNode
 
@@ -232,7 +239,7 @@ class StringField:
 
 @dataclass(frozen=True, slots=True)
 class NumberSequence:
-    """Sequence of values without gaps: numbers, times, messages without fields."""
+    """Step that reads a sequence of values without gaps: numbers, times, messages without fields."""
 
     node: ColumnNode
     dtype: np.dtype[Any]
@@ -251,7 +258,7 @@ class NumberSequence:
 
 @dataclass(frozen=True, slots=True)
 class FixedMessageSequence:
-    """Array or sequence of messages of fixed size."""
+    """Step that reads an array or sequence of messages of fixed size."""
 
     node: ColumnNode
     codec: StructuredCodec
@@ -283,7 +290,7 @@ class FixedMessageSequence:
 
 @dataclass(frozen=True, slots=True)
 class VariableSequence:
-    """Array or sequence of strings, or of messages that vary in size."""
+    """Step that reads an array or sequence of strings, or of messages that vary in size."""
 
     node: ColumnNode
     steps: tuple[ReadStep, ...]
@@ -301,7 +308,10 @@ ReadStep: TypeAlias = "FixedRun | StringField | NumberSequence | FixedMessageSeq
 
 
 def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
-    """Return the number of elements of each list, at most the remaining bytes, as each element has one."""
+    """Return the number of elements of the list at each position, which sequences store before their elements.
+
+    Raises `BatchUnsupportedError` for more elements than remaining bytes, as each element has at least one byte.
+    """
     if node.length != VARIABLE_LENGTH:
         assert node.length is not None
         counts = np.full(len(cursor.pos), node.length, np.int64)
@@ -315,14 +325,14 @@ def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
 
 
 def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void]:
-    """Return `size` bytes from each start; all must be within the data."""
+    """Return `size` bytes from each start position; all bytes must be within the data."""
     count = max(0, len(cursor.data) - size + 1)
     windows: NDArray[np.void] = np.ndarray((count,), f"V{size}", cursor.data if count else None, 0, (1,))
     return windows[start]
 
 
 def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.uint8]:
-    """Return the joined bytes of several ranges, which must be within the data."""
+    """Return the joined bytes of several ranges of the cursor's data; all ranges must be within the data."""
     total, count = int(size.sum()), len(size)
     if not total:
         return np.empty(0, np.uint8)
@@ -349,7 +359,7 @@ def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
 
 
 def _element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints:
-    """Return the starts of all elements, and move the cursor after the last."""
+    """Return the start positions of all elements of the lists, and move the cursor after the last element of each."""
     total, longest = int(counts.sum()), int(counts.max(initial=0))
     if longest > 2:
         uniform = _uniform_element_starts(cursor, steps, counts)
@@ -376,7 +386,7 @@ def _end_positions(cursor: BatchCursor, steps: Program, pos: Ints, limit: Ints) 
 
 
 def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints | None:
-    """Return the starts of all elements if the elements of each list, except the first, have equal lengths; else None.
+    """Return the starts of all elements if they have equal lengths in each list, except for the first; else None.
 
     The first two elements of every list are parsed, the starts of all others follow by arithmetic, and then all
     elements of all lists are parsed in one vectorized pass. The guess is right if each element ends where the next one
@@ -413,7 +423,7 @@ def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -
 
 @cached_per_class
 def read_program_for(cls: type[Any]) -> tuple[ReadStep, ...] | None:
-    """Return the steps for a class; None if its messages must be read one by one."""
+    """Return the steps that decode messages of a class; None if they must be decoded one by one."""
     try:
         program = tuple(_merge_runs(_steps(nodes_of(cls))))
         for step in program:

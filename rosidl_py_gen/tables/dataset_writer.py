@@ -2,8 +2,8 @@
 
 A file, ``topic=%2Fimu/bag=drive/….parquet`` for example, contains the messages of one topic of one bag with one
 definition, in row groups by time. A bag is read once for all topics. The data that waits for its row group is bounded:
-when it exceeds the limit, the largest part is written. Images and clouds are skipped by default, as no query evaluates
-their bytes.
+when it exceeds the limit, the data of the file with the most is written. Images and clouds are skipped by default, as
+no query evaluates their bytes.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ LARGE_TYPES = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
     "theora_image_transport/msg/Packet",
 }
-"""Messages of these types, and messages that contain them, are large."""
+"""Message types that count as large, as do messages that contain them: images, videos and point clouds."""
 _MAX_FILE_NAME = 255
-"""Maximum length of a name in Linux, macOS and Windows, in characters."""
+"""Maximum characters of a file name in Linux, macOS and Windows."""
 BATCH_BYTES = 1 << 20
-"""Size of the data of a topic from which it is moved to columns."""
+"""Bytes of a topic's waiting messages from which they are converted to columns."""
 MAX_WAITING_BYTES = 1 << 25
-"""Limit of the data of all topics that waits for row groups."""
+"""Maximum bytes of the data of all topics that waits for its row group."""
 
 
 @dataclass(frozen=True, slots=True)
 class DatasetFile:
-    """File of a dataset.
+    """File that was written to a dataset.
 
     Attributes:
         messages: number of rows.
@@ -65,7 +65,8 @@ class DatasetReport:
     """Result of `write_dataset`.
 
     Attributes:
-        skipped_topics: reasons by topic that was not written, or not completely; topics of large messages included.
+        skipped_topics: topics that were not written, or not completely, each with the reason; also topics of large
+            messages.
     """
 
     files: list[DatasetFile]
@@ -87,13 +88,16 @@ def write_dataset(
     row_group_bytes: int = 16_777_216,
     progress: Callable[[int], None] | None = None,
 ) -> DatasetReport:
-    """Write the topics of a bag as a Parquet dataset, partitioned by topic and bag; several bags may share it.
+    """Write the topics of a bag as a Parquet dataset, partitioned by topic and bag; several bags may share a dataset.
 
     Args:
         out: a folder, or a URL that fsspec supports.
         name: name of the bag in the dataset; None means the name of its file or folder.
         topics: topics to write, large ones included; None means all with a known type, except images and clouds.
         include_large: without `topics`, write images and clouds as well.
+        start_ns: first log time.
+        end_ns: end of the log times, exclusive.
+        on_error: ``"skip"`` skips damaged messages; ``"raise"`` raises an error.
         overwrite: replace existing files.
         row_group_bytes: approximate size of a row group in Arrow's memory.
         progress: called with the number of messages so far.
@@ -116,7 +120,7 @@ def _select_channels(
     skipped_topics: dict[str, str],
     folder_of: Callable[[str], str],
 ) -> list[BagTopic]:
-    """Return the channels to write, and add the reasons for others to `skipped_topics`."""
+    """Return the channels of a bag to write, and add the reasons for the other topics to `skipped_topics`."""
     channels = []
     for name in topics or ():
         if name not in bag.topics:
@@ -148,18 +152,18 @@ def _quoted(name: str) -> str:
 
 
 def is_large(cls: type[Any]) -> bool:
-    """Return True if messages of a class are images or clouds, or contain some."""
+    """Return True if messages of a class are images, videos or point clouds, or contain one."""
     return not LARGE_TYPES.isdisjoint(referenced_classes(cls))
 
 
 def bag_name(name: str) -> str:
-    """Return a name without the suffixes of bag files."""
+    """Return the name of a bag's file or folder without the suffixes of bag files."""
     name = name.removesuffix(".zstd")
     return name.removesuffix(".mcap").removesuffix(".db3") or name
 
 
 class _File:
-    """File of a dataset with the data that waits to be written."""
+    """File of a dataset, with the data that waits to be written to it."""
 
     def __init__(self, path: str, channel: BagTopic, builder: BatchBuilder, batch_bytes: int) -> None:
         self.path, self.channel, self.builder = path, channel, builder
@@ -173,7 +177,7 @@ class _File:
 
 
 class StagedDataset:
-    """Files of a bag, or of a part of it, that become visible by `commit`; a context manager.
+    """Files of a bag, or of a part of it, that become visible in a dataset by `commit`; a context manager.
 
     Args:
         overwrite: True to replace existing files, or a function that returns True for a place to replace.
@@ -215,7 +219,7 @@ class StagedDataset:
         on_error: str,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """Read the bag; arguments and errors as in `write_dataset`."""
+        """Write the topics of the bag to partial files; arguments and errors as in `write_dataset`."""
         bag, skipped = self._bag, self.report.skipped_topics
         channels = _select_channels(bag, topics, include_large, skipped, self._folder_of)
         source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
@@ -237,7 +241,7 @@ class StagedDataset:
         self._by_key[channel.key] = same or _File(path, channel, builder, min(BATCH_BYTES, self._row_group_bytes))
 
     def _add_messages(self, message: Any) -> int:
-        """Add a message or a block; returns the number of messages."""
+        """Add a message, or a block of messages, to its file; return the number of messages."""
         file = self._by_key.get(message[0].info.key)
         if file is None:
             return 0
@@ -290,7 +294,7 @@ class StagedDataset:
             self.report.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
 
     def commit(self) -> None:
-        """Rename the files to their final names."""
+        """Rename the partial files to their final names, so that readers see all of them."""
         self._output.commit()
 
     def __enter__(self) -> StagedDataset:

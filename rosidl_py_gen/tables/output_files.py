@@ -20,15 +20,16 @@ if TYPE_CHECKING:
 
 PARTIAL = ".partial"
 _COLONS = "\ue000\ue001"
-"""Replacement of ``::`` while fsspec parses a URL."""
+"""Replacement of ``::`` in a path while fsspec parses the URL, as it would split the URL there."""
 _BLOCK_BYTES = 1 << 23
-"""Number of bytes of a remote file that are sent at once."""
+"""Number of bytes that are sent at once to a remote file."""
 
 
 def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
-    """Return the file system of fsspec for a place, and its path there; `fresh` makes an instance that is not shared.
+    """Return the fsspec file system of a local path or URL, and the path in it.
 
-    Raises `BagError` if the URL is not supported, or the place does not respond.
+    `fresh` makes a file system object that is not shared. Raises `BagError` if the URL is not supported, or the place
+    does not respond.
     """
     try:
         import fsspec  # type: ignore[import-untyped]
@@ -46,12 +47,12 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
 
 
 def joined(place: str, *parts: str) -> str:
-    """Return the place below another."""
+    """Return the local path or URL of `parts` below the folder or URL `place`."""
     return "/".join((place.rstrip("/") or "/", *parts)) if is_url(place) else os.path.join(place, *parts)
 
 
 def url_of(place: str, path: str) -> str:
-    """Return the URL of a path that fsspec has found at a place."""
+    """Return the URL of a path that fsspec has found at `place`; the path itself if `place` is a local path."""
     if not is_url(place) or is_url(path):
         return path
     protocol = place.partition("://")[0]
@@ -59,7 +60,7 @@ def url_of(place: str, path: str) -> str:
 
 
 class Output:
-    """Files that become visible together when the context ends without an error."""
+    """Output files that become visible together by `commit`; leaving the context without `commit` discards them."""
 
     def __init__(self, out: str) -> None:
         self._system: Any = file_system(out, fresh=True)[0] if is_url(out) else None
@@ -69,7 +70,7 @@ class Output:
 
     @contextmanager
     def written(self, place: str, may_replace: Callable[[str], bool]) -> Iterator[Any]:
-        """Open a binary file for writing, and make its folders.
+        """Open a binary output file that stays invisible until `commit`, and create its folders.
 
         Raises:
             BagError: the file exists, and `may_replace` returns False for its place.
@@ -92,7 +93,7 @@ class Output:
                 yield stream
 
     def commit(self) -> None:
-        """Rename the files to their final names."""
+        """Rename all output files to their final names."""
         for place, partial in list(self._partial.items()):
             os.replace(partial, place)
             del self._partial[place]

@@ -42,9 +42,9 @@ _SPACE = r"(?:\s|--[^\n]*(?:\n|\Z)|/\*.*?\*/)"
 _SHOW_TABLES = re.compile(rf"{_SPACE}*show{_SPACE}+(?:all{_SPACE}+)?tables(?:{_SPACE}|;)*", re.IGNORECASE | re.DOTALL)
 _NOT_A_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
 MEMORY_LIMIT = "1GB"
-"""Memory limit of DuckDB, whose default is 80 % of the machine's memory."""
+"""Default memory limit of DuckDB, which would otherwise use 80 % of the machine's memory."""
 _SCHEMA = "topics"
-"""Schema of all tables. The default schema of DuckDB has views, which a topic could not replace."""
+"""DuckDB schema of the tables. DuckDB's default schema has views, which a topic of the same name could not replace."""
 _ROWS_PER_FETCH = 1000
 
 
@@ -58,7 +58,7 @@ def is_dataset(place: str) -> bool:
 
 
 def topics_in(query: str, topics: Sequence[str]) -> list[str]:
-    """Return the topics that a query may name, those in the same case first, as SQL ignores case."""
+    """Return the topics that a query may name: first those in the same case, as SQL ignores case."""
     if _SHOW_TABLES.fullmatch(query):
         return []
     words = {one.replace('""', '"') or two.replace("''", "'") for one, two in _QUOTED_NAME.findall(query)}
@@ -71,7 +71,7 @@ def topics_in(query: str, topics: Sequence[str]) -> list[str]:
 
 
 class Database:
-    """Topics of bags and datasets as tables of DuckDB; a context manager.
+    """DuckDB database with the topics of bags and datasets as tables; a context manager.
 
     Sorts, joins and groups that exceed `memory_limit`, such as ``1GB``, use the temporary folder.
     """
@@ -101,9 +101,10 @@ class Database:
         on_error: str = "raise",
         progress: Callable[[int], None] | None = None,
     ) -> dict[str, str]:
-        """Add the topics that a query names, of bags by name; returns the skipped topics with the reasons.
+        """Add the topics that a query names as tables, from bags by name and from datasets.
 
-        Raises `BagError` if the query cannot be parsed, and otherwise as `write_dataset`.
+        Returns the topics that were skipped, each with the reason. Raises `BagError` if the query cannot be parsed, and
+        otherwise as `write_dataset`.
         """
         files = [entry for place in datasets for entry in self._dataset_files(place)]
         topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])
@@ -132,7 +133,7 @@ class Database:
         return skipped
 
     def _folder_of(self, topic: str) -> str:
-        """Return the name of a topic's folder; the topic may be too long for a file name."""
+        """Return the number that names a topic's folder, as the topic may be too long for a file name."""
         return str([*self._known].index(topic))
 
     def _dataset_files(self, place: str) -> list[tuple[str, str]]:
@@ -152,9 +153,10 @@ class Database:
         return files
 
     def run(self, query: str) -> Result:
-        """Return the result of a query.
+        """Return the result of a SQL query over the added topics.
 
-        Raises `BagError` for errors of DuckDB, other statements, and topics whose names differ only in case.
+        Raises:
+            BagError: DuckDB reports an error, the statement is not a query, or names of topics differ only in case.
         """
         if _SHOW_TABLES.fullmatch(query):
             query = self._topic_list_query()
@@ -207,7 +209,7 @@ class Database:
         _call(lambda: self._connection.execute(statement))
 
     def close(self) -> None:
-        """Remove the temporary files. May be called twice."""
+        """Close the database and remove its temporary files; may be called repeatedly."""
         self._connection.close()
         self._folder.cleanup()
 
@@ -219,7 +221,7 @@ class Database:
 
 
 class Result:
-    """Result of a query, with the names of its columns."""
+    """Result of a SQL query, with the names of its columns."""
 
     def __init__(self, connection: Any, relation: Any) -> None:
         self._connection = connection
@@ -228,18 +230,21 @@ class Result:
         _call(lambda: relation.create_view(self._name.strip('"')))
 
     def rows(self) -> Iterator[list[str]]:
-        """Yield rows as texts in the format of DuckDB; null is an empty text. Raises `BagError`."""
+        """Yield rows as texts in DuckDB's format, with "" for null; raises `BagError` if DuckDB reports an error."""
         for row in self._fetch("columns(*)::varchar"):
             yield ["" if one is None else one for one in row]
 
     def csv_lines(self) -> Iterator[str]:
-        """Yield the lines of CSV, first the names of columns. Raises `BagError`."""
+        """Yield lines of CSV, the first with the column names; raises `BagError` if DuckDB reports an error."""
         yield ",".join(map(_csv, self.columns))
         for row in self._fetch("columns(*)::varchar"):
             yield ",".join(map(_csv, row))
 
     def json_lines(self) -> Iterator[str]:
-        """Yield a line of JSON for each row; NaN and infinities are strings, as in `to_json`. Raises `BagError`."""
+        """Yield each row as a line of JSON; NaN and infinities are strings, as in `to_json`.
+
+        Raises `BagError` if DuckDB reports an error.
+        """
         for (text,) in self._fetch(f"to_json({self._name})::varchar"):
             yield escape_json(_NOT_A_NUMBER.sub(_as_string, text) if "NaN" in text or "Infinity" in text else text)
 
@@ -249,7 +254,12 @@ class Result:
             yield from rows
 
     def write(self, path: str, form: str) -> None:
-        """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``. Raises BagError or OSError."""
+        """Write the result to a file as ``csv``, ``json`` (a line for each row) or ``parquet``.
+
+        Raises:
+            BagError: DuckDB reports an error.
+            OSError: the ``json`` file exists, or cannot be written.
+        """
         if form != "json":
             _call(lambda: self._connection.execute(f"copy (from {self._name}) to {_literal(path)} (format {form})"))
             return
@@ -263,7 +273,10 @@ class Result:
 
 
 def _call(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
-    """Return the result of a call; errors of DuckDB become `BagError`, with the known topics for a missing table."""
+    """Return the result of a DuckDB call; raise errors of DuckDB as `BagError`.
+
+    If a table is missing, the error names the known topics.
+    """
     try:
         return call()
     except (duckdb.Error, RuntimeError) as error:
@@ -281,7 +294,7 @@ def _call(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
 
 
 def _csv(value: str | None) -> str:
-    """Return a value of CSV as DuckDB writes it: null is empty, an empty text quoted."""
+    """Return a value as a CSV cell as DuckDB writes it: null is empty, an empty text quoted."""
     if value is None:
         return ""
     needs_quotes = not value or any(sign in value for sign in ',"\n\r')

@@ -1,8 +1,8 @@
-"""Record batches from the messages of a topic.
+"""Conversion of the messages of a topic to Arrow record batches.
 
-A batch ends when its messages reach `batch_bytes`, which bounds memory for all kinds of messages. They are decoded at
-once by `batch_decoder`. If it does not support them, the reader decodes them one by one, and names or skips wrong ones;
-this is done in small portions, as objects need many times the memory of their bytes.
+A batch ends when its messages reach `batch_bytes`, which bounds memory for all kinds of messages. Its messages are
+decoded at once by `batch_decoder`. If that is not possible, the reader decodes them one by one, and names or skips
+wrong ones; this is done in small portions, as objects need many times the memory of their bytes.
 
 Messages that wait for a full batch are copied if they are a small part of their chunk, which they would keep in memory.
 """
@@ -52,13 +52,18 @@ MAX_ROWS = 1 << 16
 _PORTION_BYTES = 1 << 18
 _MAX_TIME_NS = (1 << 63) - 1
 _MAX_RATIO = 4
-"""Ratio of sizes of chunk and message above which the message is copied."""
+"""Ratio of a chunk's size to a waiting message's size above which the message is copied out of the chunk."""
 
 
 class BatchBuilder:
-    """Builder of the batches of a topic, for one definition of its messages.
+    """Builder of the record batches of a topic, for one definition of its messages.
 
-    `decode` decodes messages one by one. Raises BagError as `select_columns` and `BagReader.message_class`.
+    Args:
+        columns: paths of columns; None means all fields.
+        decode: function that decodes messages one by one.
+
+    Raises:
+        BagError: a column does not exist or has no Arrow type, or no definition of the topic is known.
     """
 
     def __init__(self, bag: BagReader, channel: BagTopic, columns: Sequence[str] | str | None, decode: Decode) -> None:
@@ -76,7 +81,7 @@ class BatchBuilder:
         self._selected_nodes = {node for column in self._columns for node in _with_descendants(column.node)}
 
     def batches(self, messages: _MessageList | _MessageBlocks) -> Iterator[Any]:
-        """Yield the messages as one record batch, or as several small ones if they must be decoded one by one."""
+        """Yield messages as one record batch, or as several small batches if they must be decoded one by one."""
         try:
             yield self._at_once(messages)
         except BatchUnsupportedError:
@@ -117,7 +122,7 @@ def _with_descendants(node: ColumnNode) -> Iterator[ColumnNode]:
 
 
 def _require_ends(cursor: BatchCursor) -> None:
-    """Raise `BatchUnsupportedError` if bytes other than padding follow the last field."""
+    """Raise `BatchUnsupportedError` if a message has bytes other than padding after its last field."""
     rest = cursor.limit - cursor.pos
     is_padding = (rest < NETWORK_ALIGN) & ((cursor.limit & (NETWORK_ALIGN - 1)) == 0)
     if ((rest != 0) & ~is_padding).any():
@@ -145,7 +150,16 @@ def reader(
     source: TableInput,
     batch_bytes: int,
 ) -> Any:
-    """Return a ``pyarrow.RecordBatchReader`` of a topic, for messages of `channels`; see `BagReader.batches`."""
+    """Return a ``pyarrow.RecordBatchReader`` of a topic, with the messages of `channels`.
+
+    Args:
+        columns: paths of columns; None means all fields.
+        source: the messages and their decoder.
+        batch_bytes: size of the messages of a batch.
+
+    Raises:
+        BagError: a column does not exist, or the channels have different columns.
+    """
     by_class: dict[type[Any], BatchBuilder] = {}
     by_key: dict[tuple[str, ...], BatchBuilder] = {}
     for channel in channels:
@@ -173,7 +187,7 @@ def _batches(
 
 
 class BatchBuffer:
-    """Messages of one topic that wait for a full batch."""
+    """Buffer of the messages of one topic until they fill a batch."""
 
     def __init__(self, batch_bytes: int) -> None:
         self._max_bytes = batch_bytes
@@ -183,7 +197,10 @@ class BatchBuffer:
         self._builder: BatchBuilder | None = None
 
     def take(self, message: RawTuple | MessageBlock, by_key: dict[tuple[str, ...], BatchBuilder]) -> Batches:
-        """Add a message or a block, and yield the batches that are full."""
+        """Add a message or a block of messages, and yield full batches, each with the builder for its definition.
+
+        `by_key` has the builders by the key of a channel; messages of other channels are ignored.
+        """
         if message[0] is not self._channel:
             builder = by_key.get(message[0].info.key)
             if builder is not self._builder:
@@ -205,7 +222,7 @@ class BatchBuffer:
             yield from self.flush()
 
     def flush(self) -> Batches:
-        """Yield the waiting messages as a batch."""
+        """Yield the messages that wait as one batch, with the builder for its definition."""
         if self._messages:
             assert self._builder is not None
             messages, self._messages, self._size, self._rows = self._messages, [], 0, 0
@@ -217,7 +234,7 @@ class BatchBuffer:
 
 
 class _MessageList:
-    """Messages one by one."""
+    """Messages of a batch as a list."""
 
     def __init__(self, messages: list[RawTuple]) -> None:
         self._messages = messages
@@ -229,7 +246,7 @@ class _MessageList:
         return self._messages
 
     def cursor(self) -> BatchCursor:
-        """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
+        """Return a cursor after the header of each message; raises `BatchUnsupportedError` for an unusual header."""
         return concatenate([message[1] for message in self._messages])
 
     def times(self) -> tuple[Times, Times]:
@@ -238,7 +255,7 @@ class _MessageList:
 
 
 class _MessageBlocks:
-    """Messages of one channel in blocks."""
+    """Messages of a batch as blocks of one channel."""
 
     def __init__(self, blocks: list[MessageBlock]) -> None:
         self._blocks = blocks
@@ -273,7 +290,7 @@ class _MessageBlocks:
 
 
 def _rows(block: MessageBlock, size: int) -> Any:
-    """Return the bytes of messages of equal size: a view if their distances are equal, as within one topic."""
+    """Return the bytes of messages of equal size as rows: a view if the messages have equal distances, else a copy."""
     begin, count = block.begin, len(block.begin)
     step = int(begin[1] - begin[0]) if count > 1 else size
     if step >= size and (count < 3 or (np.diff(begin) == step).all()):
@@ -289,7 +306,7 @@ def _slices(block: MessageBlock) -> list[bytes | memoryview]:
 
 
 def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[MessageBlock]:
-    """Split a block by number of rows and size in bytes; a single message may be larger."""
+    """Return blocks with at most `max_rows` messages and `max_bytes` bytes; a single larger message is a block, too."""
     ends = np.cumsum(block.size)
     if len(ends) <= max_rows and ends[-1] <= max_bytes:
         return [block]
@@ -302,14 +319,14 @@ def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[Mes
 
 
 def _detach_block(block: MessageBlock) -> MessageBlock:
-    """Return the block, copied if it is a small part of its chunk."""
+    """Return the block, with its messages copied if they are a small part of their chunk."""
     if len(block.data) <= _MAX_RATIO * int(block.size.sum()):
         return block
     return block._replace(data=b"".join(_slices(block)), begin=np.cumsum(block.size) - block.size)
 
 
 def _detach_message(message: RawTuple) -> RawTuple:
-    """Return the message, with copied bytes if they are a view of a much larger chunk."""
+    """Return the message, with its bytes copied if they are a view of a much larger chunk."""
     data = message[1]
     if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]
         return message[0], bytes(data), *message[2:]
@@ -320,7 +337,7 @@ def _detach_message(message: RawTuple) -> RawTuple:
 
 
 def column(selected: SelectedColumn, messages: Sequence[Any]) -> Any:
-    """Return a column of all messages as an Arrow array."""
+    """Return a selected column of decoded messages as an Arrow array."""
     for node in selected.path:
         messages = _field_values(node, messages)
     return _column(selected.node, messages)

@@ -1,4 +1,4 @@
-"""Messages from tables: any object with ``__arrow_c_stream__``, as of polars, pandas and DuckDB.
+"""Conversion of tables to messages; a table is any object with ``__arrow_c_stream__``, as of polars, pandas and DuckDB.
 
 Columns are matched by name, nested ones in structs or as ``header.stamp``; lists, texts and bytes may have any layout
 of Arrow, times any unit or integers of nanoseconds. Fields without a column have the default of their definition.
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.arrow_columns import ColumnNode
 
 Tree: TypeAlias = "dict[str, Any]"
-"""Arrow arrays by name; nested columns are trees."""
+"""Arrow arrays by column name; a column nested by dots in names is a tree of its own."""
 _MAX_NAME = 1000
 _PORTION_ROWS = 4096
-"""Number of rows that become messages at once."""
+"""Number of table rows that are converted to messages at a time."""
 _UNITS_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _MAX_TEXT = 200
-"""Maximum number of characters of a name or a type in an error text."""
+"""Maximum characters of a name, type or value that an error text quotes."""
 
 
 def stream_of(table: object) -> Any:
@@ -52,7 +52,10 @@ def stream_of(table: object) -> Any:
 
 
 def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]]:
-    """Return topic and message class from the metadata of a table; raises `BagError` if these do not define them."""
+    """Return topic and message class from a table's schema metadata; raises `BagError` if it does not define them.
+
+    `topic` replaces the topic of the metadata.
+    """
     metadata = {key: value.decode(errors="replace") for key, value in (table_schema.metadata or {}).items()}
     topic = topic or metadata.get(schema.TOPIC)
     name, definition, table_hash = (metadata.get(key, "") for key in (schema.TYPE, schema.DEFINITION, schema.HASH))
@@ -77,7 +80,7 @@ def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, typ
 
 
 def messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, int, int]]:
-    """Yield each row as a message, with log time and publish time; raises `BagError` for a wrong column."""
+    """Yield each row of a table as a message with log time and publish time; raises `BagError` for a wrong column."""
     nodes = nodes_of(cls)
     count = 0
     while (batch := _next(stream, topic)) is not None:
@@ -123,7 +126,7 @@ def _times(name: str, column: Any) -> list[int]:
 
 
 def _insert(tree: Tree, name: str, column: Any) -> None:
-    """Insert a column under its name, nested by the dots in it."""
+    """Insert a column into the tree under its name, in which dots separate levels; raises `BagError` if it is taken."""
     *parents, last = name.split(".")
     node = tree
     for parent in parents:
@@ -210,7 +213,7 @@ def _class(node: ColumnNode) -> type[Any]:
 
 
 def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
-    """Return the error of a message with the topic and the time of its row."""
+    """Return an encoding error with the topic and log time of the row added to its path."""
     path = f"{_short_text(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
     return EncodeError(path, printable(error.reason, _MAX_NAME))
 
@@ -219,7 +222,10 @@ def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
 
 
 def _plain(column: Any) -> Any:
-    """Return an array without dictionaries, run ends and views, except list views, which `_lists` reads."""
+    """Return an Arrow array as a plain one: without dictionaries, run ends, extension types and string views.
+
+    List views stay, as `_lists` reads them.
+    """
     kind, types = column.type, pa.types
     if isinstance(kind, pa.BaseExtensionType):
         return _plain(column.storage)
@@ -248,14 +254,17 @@ def _take(column: Any, indices: Any) -> Any:
 
 
 def _require_values(column: Any, path: str) -> None:
-    """Raise `BagError` if one of the values is null."""
+    """Raise `BagError` if a value of a column is null."""
     if column.null_count:
         row = column.is_null().index(True).as_py()
         raise BagError(f"{path}: no value in row {row}; messages have a value for every field")
 
 
 def _lists(column: Any, path: str, expected: object) -> tuple[NDArray[np.int64], Any]:
-    """Return the length of each list of an array, and all elements, one list after the other."""
+    """Return the length of each list of an Arrow array, and an array of all elements, one list after the other.
+
+    `expected` is the ROS type for the error: `BagError` if the array has no lists.
+    """
     kind, types = column.type, pa.types
     if types.is_list_view(kind) or types.is_large_list_view(kind):
         return _view_lists(column, path)
@@ -286,7 +295,7 @@ def _require_count(elements: Any, count: int, path: str) -> Any:
 
 
 def _texts(column: Any, path: str) -> list[str]:
-    """Return the values of an array of text."""
+    """Return the values of an Arrow array of texts; raises `BagError` for another type."""
     kind, types = column.type, pa.types
     if not (types.is_string(kind) or types.is_large_string(kind) or _is_empty_null(column)):
         raise BagError(f"{path}: expected text, found {_short_text(kind)}")
@@ -294,7 +303,7 @@ def _texts(column: Any, path: str) -> list[str]:
 
 
 def _numbers(column: Any, code: str, path: str) -> NDArray[Any]:
-    """Return the values of an array of numbers in the type of a struct code.
+    """Return the values of an Arrow array of numbers in the numpy type of a struct code.
 
     Raises `BagError` if the array has other values, or a value does not fit: it is out of range, has a fraction where
     integers are expected, or is an integer without exact floating point number.
@@ -317,7 +326,7 @@ def _numbers(column: Any, code: str, path: str) -> NDArray[Any]:
 
 
 def _to_integers(values: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Return a mask of values that the integer type cannot represent, and the converted values."""
+    """Return a mask of the values that do not fit an integer type, and the values converted to the type."""
     limits = np.iinfo(dtype)
     if values.dtype.kind in "iu":
         own = np.iinfo(values.dtype)
@@ -331,7 +340,7 @@ def _to_integers(values: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[np
 
 
 def _to_floats(values: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Return a mask of values that the float type cannot represent, and the converted values; fractions are rounded."""
+    """Return a mask of the values that do not fit a float type, and the converted values; fractions are rounded."""
     with np.errstate(over="ignore"):
         result = values.astype(dtype)
     if values.dtype.kind == "f":
@@ -344,7 +353,7 @@ def _to_floats(values: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[np.b
 
 
 def _nanoseconds(column: Any, path: str, time_kind: Kind) -> NDArray[np.int64]:
-    """Return times or durations, or integers, as nanoseconds."""
+    """Return an Arrow array of times, durations or integers as nanoseconds; raises `BagError` for another type."""
     kind, types = column.type, pa.types
     if _is_empty_null(column) or types.is_integer(kind):
         return _numbers(column, "q", path)
@@ -363,10 +372,10 @@ def _nanoseconds(column: Any, path: str, time_kind: Kind) -> NDArray[np.int64]:
 
 
 def _is_empty_null(column: Any) -> bool:
-    """Return True for the elements of lists that are all empty: they may have no type."""
+    """Return True for the typeless array of the elements of lists that are all empty."""
     return pa.types.is_null(column.type) and not len(column)
 
 
 def _short_text(value: object) -> str:
-    """Return a name, a type or a value for an error text, printable and of bounded length."""
+    """Return the text of a name, type or value for an error, printable and of bounded length."""
     return printable(str(value), _MAX_TEXT)

@@ -1,6 +1,6 @@
 """Transforms between coordinate frames: a buffer fed by ``/tf`` and ``/tf_static``, and broadcasters.
 
-Results and errors are the same as in tf2.
+Transforms and errors are the same as in tf2.
 """
 
 from rosidl_py_gen.tf.buffer import StaticTransformBroadcaster as StaticTransformBroadcaster

@@ -1,4 +1,4 @@
-"""The transform buffer of a program, fed by a node or by hand, from any thread; and broadcasters."""
+"""Buffer of the transforms that a node receives or a program inserts, usable from any thread; and broadcasters."""
 
 from __future__ import annotations
 
@@ -35,15 +35,16 @@ if TYPE_CHECKING:
 
 _DEPTH = 100
 _UNLIMITED_QUEUE = 1 << 31
-"""Number of concurrent calls: an async callback of a filter may wait for a transform of a later message."""
+"""Maximum number of concurrent calls of a subscription's callback, practically unlimited: an async callback of a filter
+may wait for a transform of a later message."""
 T = TypeVar("T")
 
 
 class TransformBuffer:
-    """Transforms of the last seconds, and the static ones.
+    """Buffer of the transforms of the last seconds, and of all static transforms.
 
-    Methods that return at once use the transforms that have arrived. Without a running event loop, as in a script,
-    they first insert the received ones, so a script may also sleep and then look up.
+    Methods that do not wait use the transforms that have arrived. Without a running event loop, as in a script, they
+    first insert the received transforms, so a script may also sleep and then look up.
 
     Example:
         ``buffer = TransformBuffer(node)``, then ``await buffer.wait_for_transform("map", "base_link")``; in a plain
@@ -90,7 +91,7 @@ class TransformBuffer:
         )
 
     def _receive(self) -> None:
-        """Insert the received transforms, unless an event loop runs, which inserts them."""
+        """Insert the transforms that the subscriptions have received, unless a running event loop inserts them."""
         for subscription in self._subscriptions:
             subscription._deliver_without_loop()
 
@@ -102,7 +103,10 @@ class TransformBuffer:
     # ---------------------------------------------------------------------------------------------------- feeding
 
     def set_transform(self, transform: Any, *, static: bool = False) -> None:
-        """Insert a ``geometry_msgs/msg/TransformStamped`` or a `Transform`.
+        """Insert a ``geometry_msgs/msg/TransformStamped`` or a `Transform` into the buffer.
+
+        Args:
+            static: the transform is valid at all times.
 
         Raises:
             InvalidTransformError: the value is neither; frames are empty or equal; values are not finite; the length of
@@ -127,7 +131,7 @@ class TransformBuffer:
             self._tree.insert(child, stamp, link, is_static=is_static)
 
     def register_callback(self, callback: Callable[[], Coroutine[Any, Any, None] | None]) -> Registration:
-        """Call a function after each arrival of transforms, on the thread where they arrive.
+        """Register a function that is called after each arrival of transforms, on the thread where they arrive.
 
         Closing the returned registration ends the calls.
         """
@@ -164,9 +168,9 @@ class TransformBuffer:
     def lookup_transform_full(
         self, target: str, target_time: Any, source: str, source_time: Any, fixed: str
     ) -> Transform:
-        """Return the transform from `source` at one time to `target` at another, by way of a frame that does not move.
+        """Return the transform from `source` at one time to `target` at another, by way of the unmoving frame `fixed`.
 
-        The result has the stamp of the lookup at `target_time`. Raises as `lookup_transform`.
+        The result has the stamp of the lookup at `target_time`. Errors are as for `lookup_transform`.
         """
         self._receive()
         with self._lock:
@@ -175,24 +179,33 @@ class TransformBuffer:
         return self.lookup_transform(target, fixed, target_time) @ before
 
     def transform(self, message: T, target: str) -> T:
-        """Return a message transformed to another frame at its own time; see `Transform.transform`.
+        """Return a copy of a message transformed to the frame `target`, at the time of the message.
 
         Raises:
             ConversionError: the message has no header, or cannot be transformed.
-            TransformError: as `lookup_transform`.
+            TransformError: the transform is not known at that time.
+            InvalidTransformError: a frame is empty or begins with ``/``.
         """
         return self.lookup_transform(target, *frame_and_stamp(message)).transform(message)
 
     def transform_at(self, message: T, target: str, target_time: Any, fixed: str) -> T:
-        """Return a message transformed to `target` at another time, by way of a frame that does not move."""
-        return self.lookup_transform_full(target, target_time, *frame_and_stamp(message), fixed).transform(message)
-
-    async def wait_and_transform(self, message: T, target: str, *, timeout_s: float | None = None) -> T:
-        """Wait until `transform` is possible, and return its result.
+        """Return a copy of a message transformed to `target` at another time, by way of the unmoving frame `fixed`.
 
         Raises:
             ConversionError: the message has no header, or cannot be transformed.
-            TransformTimeoutError, ClosedError: as `wait_for_transform`.
+            TransformError: a transform is not known at its time.
+            InvalidTransformError: a frame is empty or begins with ``/``.
+        """
+        return self.lookup_transform_full(target, target_time, *frame_and_stamp(message), fixed).transform(message)
+
+    async def wait_and_transform(self, message: T, target: str, *, timeout_s: float | None = None) -> T:
+        """Wait until the transform of a message to the frame `target` is known, and return a transformed copy.
+
+        Raises:
+            ConversionError: the message has no header, or cannot be transformed.
+            TransformTimeoutError: the transform was not known within `timeout_s`; the text has the last reason.
+            InvalidTransformError: a frame is empty or begins with ``/``.
+            ClosedError: the node is closed, also while waiting.
         """
         transform = await self.wait_for_transform(target, *frame_and_stamp(message), timeout_s=timeout_s)
         return transform.transform(message)
@@ -200,7 +213,7 @@ class TransformBuffer:
     wait_and_transform_sync = blocking(wait_and_transform)
 
     def can_transform(self, target: str, source: str, time: Any = None) -> bool:
-        """Return True if `lookup_transform` returns a transform."""
+        """Return True if `lookup_transform` with these arguments returns a transform and raises no error."""
         try:
             self.lookup_transform(target, source, time)
         except (TransformError, InvalidTransformError):
@@ -210,7 +223,7 @@ class TransformBuffer:
     async def wait_for_transform(
         self, target: str, source: str, time: Any = None, *, timeout_s: float | None = None
     ) -> Transform:
-        """Wait until `lookup_transform` returns a transform.
+        """Wait until a transform is known, and return the result of `lookup_transform`.
 
         Raises:
             TransformTimeoutError: the transform was not known within `timeout_s`; the text has the last reason.
@@ -241,7 +254,7 @@ class TransformBuffer:
     wait_for_transform_sync = blocking(wait_for_transform)
 
     def frames(self) -> dict[str, FrameInfo]:
-        """Return all known frames, with parent, times and number of transforms."""
+        """Return all known frames by name, each with parent, times and number of its transforms."""
         self._receive()
         with self._lock:
             return self._tree.frames()
@@ -251,19 +264,19 @@ class TransformBuffer:
 
 
 class TransformBroadcaster:
-    """Publisher of transforms that change, on ``/tf``."""
+    """Publisher of changing transforms on ``/tf``."""
 
     def __init__(self, node: Node) -> None:
         self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
         self._publisher = node.create_publisher(self._cls, "/tf", _DEPTH)
 
     def send(self, transforms: Any) -> None:
-        """Publish one or several TransformStamped messages or `Transform` objects; raises `EncodeError` for others."""
+        """Publish one or several TransformStamped messages or `Transform` objects; raise `EncodeError` for others."""
         self._publisher.publish(self._cls(transforms=_to_messages(transforms)))
 
 
 class StaticTransformBroadcaster:
-    """Publisher of transforms that do not change, on ``/tf_static``; later subscribers receive them as well."""
+    """Publisher of constant transforms on ``/tf_static``; later subscribers receive them as well."""
 
     def __init__(self, node: Node) -> None:
         self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
@@ -272,7 +285,9 @@ class StaticTransformBroadcaster:
         self._sent: dict[str, Any] = {}
 
     def send(self, transforms: Any) -> None:
-        """Publish one or several transforms with all that were sent before; a child frame has only its last one.
+        """Publish one or several static transforms together with all that were sent before.
+
+        A new transform replaces an earlier transform of the same child frame.
 
         Raises:
             EncodeError: a value is neither a TransformStamped message nor a `Transform`.

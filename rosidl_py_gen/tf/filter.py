@@ -30,17 +30,17 @@ class _PendingMessage(NamedTuple):
 
 
 class TransformFilter(MessageFilter):
-    """Filter that passes a message when the buffer has its transforms to the target frames.
+    """Filter that passes a message on when the buffer has its transforms to the target frames.
 
     Messages come out when they can be transformed, possibly in another order than they arrived. A message that is
-    dropped from the full queue is passed to `on_drop`. Without it, the 1st, 2nd, 4th, 8th and so on are logged by the
-    node.
+    dropped from the full queue is passed to `on_drop`. Without `on_drop`, the node logs the 1st, 2nd, 4th, 8th dropped
+    message and so on.
 
     Args:
         source: a filter, such as `rosidl_py_gen.message_filters.Subscriber`.
         buffer: buffer with the transforms.
         target: one or several frames, to all of which the message must be transformable.
-        callback: see `rosidl_py_gen.message_filters.MessageFilter`.
+        callback: plain or async function that is called with each message.
         queue_size: maximum number of waiting messages; one more drops the oldest.
         tolerance_s: time before and after the stamp of the message at which the transforms must be known as well.
         on_drop: called with a dropped message and the `TransformError` or `InvalidTransformError` that is the reason.
@@ -74,7 +74,10 @@ class TransformFilter(MessageFilter):
         self._links.append(source.register_callback(self.add))
 
     def add(self, message: Any) -> Coroutine[Any, Any, None] | None:
-        """Process a message as if the input had passed it; returns as `signal_message`. Raises `StampError`."""
+        """Process a message as if the filter's input had passed it on.
+
+        Returns a coroutine of async callbacks to await, or None. Raises `StampError` for a message without header.
+        """
         stamp = self._stamp_of(message)
         frame = message["header"]["frame_id"] if isinstance(message, dict) else message.header.frame_id
         pending = _PendingMessage(message, without_slash(frame), stamp)

@@ -33,31 +33,29 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _TOLERANCE = 10e-3
-"""Largest deviation of the square of a quaternion's length from 1, as in tf2."""
+"""Maximum deviation of the square of a quaternion's length from 1, as in tf2."""
 _MAX_NAME = 100
-"""Number of characters of a frame's name in error texts; peers choose these names."""
+"""Maximum characters of a frame's name in error texts; peers choose these names."""
 _MAX_REFUSED = 2
-"""Number of transforms in a row, with rising stamps, that a frame refuses as too old; the next replaces newer ones.
-
-tf2 refuses all of them until it is cleared: one stamp far in the future would block the frame for ever. A larger number
-blocks the frame longer; with a smaller one a late packet could replace correct transforms.
-"""
+"""Number of consecutive transforms with rising stamps that a frame refuses as too old; the next one replaces all newer
+transforms. tf2 refuses all of them until it is cleared: one stamp far in the future would block the frame for ever. A
+larger number blocks the frame longer; with a smaller one a late packet could replace correct transforms."""
 
 
 class TransformError(RosidlError, LookupError):
-    """The transform is not known, or not at that time."""
+    """Error of a transform that is not known, or not known at the requested time."""
 
 
 class UnknownFrameError(TransformError):
-    """No transform names this frame, or the frames form a loop; tf2's LookupException."""
+    """Error of a frame that no transform names, or of frames that form a loop; tf2's LookupException."""
 
 
 class ConnectivityError(TransformError):
-    """The frames are in different trees; tf2's ConnectivityException."""
+    """Error of two frames in different trees; tf2's ConnectivityException."""
 
 
 class ExtrapolationError(TransformError):
-    """The frames are connected, but not at that time; tf2's ExtrapolationException.
+    """Error of connected frames whose transform is not known at the requested time; tf2's ExtrapolationException.
 
     Attributes:
         frame: child frame of the transform that has no data at that time.
@@ -71,15 +69,19 @@ class ExtrapolationError(TransformError):
 
 
 class TransformTimeoutError(TransformError, TimeoutError):
-    """A transform was not known within the timeout; the text has the last reason."""
+    """Error of a transform that was not known within the timeout; the text has the last reason."""
 
 
 class InvalidTransformError(RosidlError, ValueError):
-    """A transform with equal or empty frames, values that are not finite, no rotation, or too old for the buffer."""
+    """Error of a transform that cannot be used.
+
+    Its frames are equal or empty, its values are not finite, its quaternion is no rotation, or it is too old for the
+    buffer.
+    """
 
 
 class Link(NamedTuple):
-    """Transform of a frame in its parent at one time."""
+    """Transform of a child frame in its parent frame at one time."""
 
     parent: str
     translation: Vector
@@ -104,7 +106,7 @@ class FrameInfo:
 
 
 class Frame:
-    """Frame with its transforms over time, oldest first; of a static frame the last is valid at all times."""
+    """Transforms of one frame over time, oldest first; the only transform of a static frame is valid at all times."""
 
     def __init__(self, is_static: bool, cache_time: int) -> None:
         self.is_static, self._cache_time = is_static, cache_time
@@ -113,7 +115,10 @@ class Frame:
         self._refused: list[tuple[int, Link]] = []
 
     def insert(self, stamp: int, link: Link) -> bool:
-        """Return False if the transform is too old and does not replace the newer ones; see `_MAX_REFUSED`."""
+        """Insert a transform; return False if it is too old and was not inserted.
+
+        After `_MAX_REFUSED` refused transforms, the next one replaces all newer transforms.
+        """
         if self.is_static:
             self.stamps, self._links = [0], [link]
             return True
@@ -135,7 +140,11 @@ class Frame:
         return True
 
     def at(self, time: int) -> Link:
-        """Return the interpolated transform at a time; raises `NoDataError`."""
+        """Return the transform of the frame at a time, interpolated if necessary; 0 means the latest transform.
+
+        Raises:
+            NoDataError: the time is outside of the known times.
+        """
         stamps, links = self.stamps, self._links
         if self.lacks(time):
             raise NoDataError
@@ -152,15 +161,15 @@ class Frame:
         return Link(one.parent, lerp(one.translation, two.translation, ratio), rotation)
 
     def lacks(self, time: int) -> bool:
-        """Return True if `at` has no transform for `time`."""
+        """Return True if the frame has no transform for `time`, neither stored nor interpolated."""
         return not self.stamps or not (time == 0 or self.is_static or self.stamps[0] <= time <= self.stamps[-1])
 
     def nearest(self, time: int) -> Link | None:
-        """Return the transform with the stamp nearest to a time that `at` has none for."""
+        """Return the frame's transform nearest to a time outside of the known times; None if there is none."""
         return (self._links[0 if time < self.stamps[0] else -1]) if self.stamps else None
 
     def why_not(self, time: int) -> tuple[str, Literal["", "past", "future"]]:
-        """Return why `at` has no transform for `time`, and the direction of the extrapolation."""
+        """Return the reason why the frame has no transform for `time`, and the direction of the extrapolation."""
         if not self.stamps:
             return f"has no data in the buffer; requested {format_time(time)}", ""
         first, last = self.stamps[0], self.stamps[-1]
@@ -183,24 +192,24 @@ class Frame:
 
 
 class NoDataError(RosidlError):
-    """A frame has no transform at that time."""
+    """Error of a frame that has no transform at the requested time."""
 
 
 def format_time(time: int) -> str:
-    """Return a time as seconds with nine decimals."""
+    """Return a time in nanoseconds as text in seconds with nine decimals."""
     sec, rest = sec_nanosec(abs(time))
     return f"{'-' if time < 0 else ''}{sec}.{rest:09}"
 
 
 class FrameTree:
-    """All frames. Lookups raise `TransformError`."""
+    """All frames with their transforms. Lookups raise `TransformError` if the transform is not known."""
 
     def __init__(self, cache_time: int) -> None:
         self._cache_time = cache_time
         self._frames: dict[str, Frame | None] = {}  # None: named as a parent only
 
     def insert(self, child: str, stamp: int, link: Link, *, is_static: bool) -> None:
-        """Insert a transform; raises `InvalidTransformError` and then changes nothing."""
+        """Insert a transform of the frame `child`; raises `InvalidTransformError` and then changes nothing."""
         child, link = without_slash(child), link._replace(parent=without_slash(link.parent))
         link = link._replace(rotation=_checked(child, link))
         frame = self._frames.get(child)
@@ -222,14 +231,17 @@ class FrameTree:
                 self._frames[name] = Frame(False, self._cache_time)
 
     def frames(self) -> dict[str, FrameInfo]:
-        """Return all frames that were ever named."""
+        """Return all frames by name that a transform ever named, as child or parent."""
         root = FrameInfo(None, False, None, None, 0)
         return {name: root if frame is None else frame.info() for name, frame in sorted(self._frames.items())}
 
     # ---------------------------------------------------------------------------------------------------- lookups
 
     def lookup(self, target: str, source: str, time: int) -> tuple[int, Vector, Quaternion]:
-        """Return time, translation and rotation of the transform from `source` to `target`."""
+        """Return time, translation and rotation of the transform from `source` to `target`.
+
+        Raises `TransformError` or `InvalidTransformError`.
+        """
         if target == source:
             known = self._frames.get(target)
             return (known.latest()[0] if time == 0 and known is not None else time), ORIGIN, IDENTITY
@@ -242,7 +254,10 @@ class FrameTree:
             raise self._without_data(target, source, time) from None
 
     def require(self, **frames: str) -> None:
-        """Raise `UnknownFrameError` or `InvalidTransformError` for the first name that is not a frame."""
+        """Raise `UnknownFrameError` for the first unknown frame, or `InvalidTransformError` for the first invalid name.
+
+        The keywords are the roles of the frames in the error text, such as ``target``.
+        """
         for role, frame in frames.items():
             if not frame or frame.startswith("/"):
                 reason = f"{_quoted(frame)} begins with /, which no frame does" if frame else "is empty"
@@ -255,9 +270,10 @@ class FrameTree:
                 raise UnknownFrameError(f"the {role} frame {_quoted(frame)} is not known{hint} (known: {names})")
 
     def _lookup(self, target: str, source: str, time: int) -> tuple[Vector, Quaternion]:
-        """Walk from the source to the root, then from the target until it reaches the end of the first walk.
+        """Return translation and rotation of the transform from `source` to `target` at a time.
 
-        Both walks share the part above their common ancestor, so it cancels.
+        The first walk leads from the source to the root, the second from the target until it reaches the end of the
+        first. Both walks share the part above their common ancestor, so it cancels.
         """
         up, down = _TransformChain(source), _TransformChain(target)
         missing: NoDataError | None = None
@@ -279,14 +295,17 @@ class FrameTree:
         return rotate(back, subtract(up.translation, down.translation)), product(back, up.rotation)
 
     def _link(self, walk: _TransformChain, time: int) -> Link | None:
-        """Return the transform of a walk's current frame in its parent; None for a root."""
+        """Return the transform of a walk's current frame in its parent; None if the frame is a root.
+
+        Raises `NoDataError` for a frame without transform at `time`, `UnknownFrameError` for a loop.
+        """
         if walk.steps > len(self._frames):
             raise self._loop_error(walk.frame, time)
         cache = self._frames[walk.frame]
         return None if cache is None else cache.at(time)
 
     def _without_data(self, target: str, source: str, time: int) -> ExtrapolationError:
-        """Return the error that names the first transform without data between the two frames."""
+        """Return the error for two frames without transform at a time; it names the first frame without data."""
         up, down = list(self._near(source, time)), list(self._near(target, time))
         shared = {frame for frame, _ in up} & {frame for frame, _ in down}
         between = [one for one in (*up, *down) if one[0] not in shared] if shared else [*up, *down]
@@ -304,7 +323,7 @@ class FrameTree:
         return ExtrapolationError(text, frame=frame, direction=direction)
 
     def _near(self, frame: str, time: int) -> Iterator[tuple[str, str]]:
-        """Yield each frame from `frame` to the root, and its parent at `time` or at the nearest known time."""
+        """Yield each frame from `frame` to the root, with its parent at `time` or at the nearest known time."""
         for _ in range(len(self._frames) + 1):
             cache = self._frames.get(frame)
             if cache is not None and cache.lacks(time):
@@ -333,7 +352,7 @@ class FrameTree:
         )
 
     def _latest_common(self, target: str, source: str) -> int:
-        """Return the latest time at which all frames between the two are known; 0 if all are static."""
+        """Return the latest time at which the transforms of all frames between two are known; 0 if all are static."""
         chain = list(self._ancestors(source, target))
         if chain and chain[-1][1] == target:
             return _earliest_nonzero(stamp for stamp, _ in chain)
@@ -349,7 +368,7 @@ class FrameTree:
         raise self._connectivity_error(target, source)
 
     def _ancestors(self, frame: str, end: str) -> Iterator[tuple[int, str]]:
-        """Yield newest stamp and parent of each frame, up to `end` or the root."""
+        """Yield the newest stamp and the parent of `frame` and each frame above it, up to `end` or the root."""
         start = frame
         for _ in range(len(self._frames) + 1):
             cache = self._frames.get(frame)
@@ -365,7 +384,7 @@ class FrameTree:
 
 
 class _TransformChain:
-    """Accumulated transform of a walk towards the root."""
+    """Accumulated transform of a walk from a frame towards the root."""
 
     def __init__(self, frame: str) -> None:
         self.frame = frame
@@ -390,7 +409,10 @@ def _earliest_nonzero(stamps: Any) -> int:
 
 
 def _checked(child: str, link: Link) -> Quaternion:
-    """Return the normalized rotation; raises `InvalidTransformError` if frames or values are not valid."""
+    """Return the normalized rotation of a transform.
+
+    Raises `InvalidTransformError` if the frames or values of the transform are not valid.
+    """
     name = _quoted(child)
     if not child or not link.parent:
         raise InvalidTransformError(f"frame_id {_quoted(link.parent)} and child_frame_id {name} must not be empty")

@@ -27,12 +27,12 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """Return the inverse rotation."""
+    """Return the inverse of a rotation, which is the conjugate of its quaternion."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """Return a vector after a rotation."""
+    """Return the vector `v` rotated by the quaternion `q`."""
     x, y, z, w = q
     a, b, c = v
     # twice the cross product of the axis with v, then v + w t + axis x t

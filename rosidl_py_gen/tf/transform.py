@@ -31,11 +31,11 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """Transform of coordinates in `source` to coordinates in `target`.
+    """Transform that converts coordinates in the frame `source` to coordinates in the frame `target`.
 
     Attributes:
         target: ``header.frame_id`` of a TransformStamped.
-        source: ``child_frame_id``.
+        source: ``child_frame_id`` of a TransformStamped.
         stamp: nanoseconds; 0 if all transforms between the frames are static.
         translation: origin of `source` in `target`, in metres, shape ``(3,)``.
         rotation: quaternion x, y, z, w, shape ``(4,)``.
@@ -49,19 +49,25 @@ class Transform:
 
     @property
     def matrix(self) -> Array:
-        """Homogeneous matrix of shape ``(4, 4)``."""
+        """Homogeneous matrix of the transform, of shape ``(4, 4)``."""
         matrix = np.eye(4)
         matrix[:3, :3] = quaternion_to_matrix(self.rotation)
         matrix[:3, 3] = self.translation
         return matrix
 
     def apply(self, points: Any) -> Array:
-        """Return points of shape ``(..., 3)``, given in `source`, in `target`; raises `ConversionError` for others."""
+        """Return points of shape ``(..., 3)`` converted from `source` to `target`.
+
+        Raises `ConversionError` for another shape.
+        """
         result: Array = self.rotate(points) + self.translation
         return result
 
     def rotate(self, vectors: Any) -> Array:
-        """Return directions, velocities or normals of shape ``(..., 3)``: as `apply`, without the translation."""
+        """Return directions, velocities or normals of shape ``(..., 3)`` rotated from `source` to `target`.
+
+        Raises `ConversionError` for another shape.
+        """
         values = np.asarray(vectors, np.float64)
         if not values.ndim or values.shape[-1] != 3:
             raise ConversionError(f"expected points or vectors of shape (..., 3), got {values.shape}")
@@ -100,20 +106,27 @@ class Transform:
         return cast("T", result)
 
     def inverse(self) -> Transform:
-        """Return the transform from `target` to `source`."""
+        """Return the inverse transform, from `target` to `source`."""
         rotation = self.rotation * (-1, -1, -1, 1)
         moved = -(quaternion_to_matrix(rotation) @ self.translation)
         return Transform(self.source, self.target, self.stamp, moved, rotation)
 
     def __matmul__(self, first: Transform) -> Transform:
-        """Return the transform that applies `first`, whose target must be the source of this one, then this one."""
+        """Return the transform that applies first `first`, then this one; raises `ConversionError` if they do not join.
+
+        The target of `first` must be the source of this transform.
+        """
         if self.source != first.target:
             raise ConversionError(f'cannot join: "{first.source}" to "{first.target}", then "{self.source}"')
         rotation = product(tuple(self.rotation.tolist()), tuple(first.rotation.tolist()))
         return Transform(self.target, first.source, self.stamp, self.apply(first.translation), np.array(rotation))
 
     def to_message(self, *, cls: type[M] | None = None) -> M:
-        """Return a ``geometry_msgs/msg/TransformStamped``; `cls` is its class, None uses `get_message`."""
+        """Return the transform as a ``geometry_msgs/msg/TransformStamped``.
+
+        Args:
+            cls: class of the message; None uses `get_message`.
+        """
         message: Any = message_class(cls, "geometry_msgs/msg/TransformStamped")()
         message.header.frame_id, message.child_frame_id = self.target, self.source
         set_stamp(message.header.stamp, self.stamp)
@@ -127,7 +140,7 @@ class Transform:
 
 
 def frame_and_stamp(message: Any) -> tuple[str, int]:
-    """Return frame and stamp of the header; raises `ConversionError` if the message has none."""
+    """Return frame, without leading slash, and stamp of a message's header; raise `ConversionError` if missing."""
     stamp = header_stamp(message)
     frame = getattr(getattr(message, "header", None), "frame_id", None)
     if stamp is None or not isinstance(frame, str):
@@ -217,4 +230,5 @@ _FIELDS: dict[str, tuple[str, Callable[[Transform, Any], Any]]] = {
     "PoseArray": ("poses", _poses),
     "PolygonStamped": ("polygon", _polygon),
 }
-"""Field of a message that changes, and the function that returns its transformed value."""
+"""Fields that a transform changes, by message class: the field's name, and the function that returns its transformed
+value."""

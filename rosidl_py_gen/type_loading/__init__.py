@@ -1,5 +1,5 @@
-"""Classes of types at run time: by name, by definition, or by the type description of another node.
+"""Lookup and loading of classes at run time: by name, by definition, or by another node's type description.
 
-`class_lookup` finds classes or compiles definitions, `from_description` compiles type descriptions, which
-`disk_cache` stores, and `import_hook` makes message packages importable without generated files.
+`class_lookup` finds classes or compiles definitions, `from_description` compiles type descriptions, which `disk_cache`
+stores, and `import_hook` makes message packages importable without generated files.
 """

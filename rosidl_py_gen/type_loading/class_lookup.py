@@ -1,4 +1,4 @@
-"""Classes by name, of importable packages or of the search path, and classes of definition texts of bags.
+"""Lookup of message, service and action classes by name or by definition text, compiled if necessary.
 
 There is one class per type in a process: a loaded class of the same RIHS01 hash is used again. Only packages that this
 tool generated are imported, because an import runs code, and names may be from files and networks.
@@ -42,14 +42,14 @@ T = TypeVar("T")
 SearchFolders: TypeAlias = "Sequence[str | os.PathLike[str]] | str | os.PathLike[str]"
 HashPredicate: TypeAlias = "Callable[[Mapping[str, str]], bool]"
 ClassFinder: TypeAlias = "Callable[[InterfaceRegistry, RosName], type | None]"
-"""Returns the existing class of a checked type; else None."""
+"""Function that returns the existing class of a checked type, or None."""
 
 _MEMORY = "rosidl_py_gen_memory"
-"""Package of the modules of classes that are compiled in memory."""
+"""Name of the package in `sys.modules` for classes that are compiled in memory."""
 _lock = threading.RLock()
-"""Guards all caches of this module."""
+"""Lock of all caches of loaded classes and registries in this module."""
 _loaded: dict[str, list[type]] = {}
-"""Loaded classes by full name, one for each different definition."""
+"""Loaded classes by full type name, one for each different definition."""
 _by_name: dict[tuple[str, tuple[str, ...], DistributionChoice], type] = {}
 _registries: dict[tuple[tuple[str, ...], str, DistributionChoice], InterfaceRegistry] = {}
 _compilations = 0
@@ -67,7 +67,7 @@ def get_message(name: str, *, path: SearchFolders = (), distro: str | None = Non
         name: name of the message.
         path: package folders, folders of packages, or ``src`` of workspaces.
         distro: ``humble``, ``jazzy``, ``kilted`` or ``lyrical``: the class of the definition in `path`, else of this
-            distribution, also if another one is importable.
+            distribution, also if another class is importable.
 
     Raises:
         InvalidNameError: the name is invalid.
@@ -79,17 +79,20 @@ def get_message(name: str, *, path: SearchFolders = (), distro: str | None = Non
 
 
 def get_service(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Service[Any, Any]]:
-    """Return the class of a service, such as ``std_srvs/srv/SetBool``; see `get_message`."""
+    """Return the class of a service, such as ``std_srvs/srv/SetBool``; arguments and errors as for `get_message`."""
     return _get(name, "srv", Service, path, distro)
 
 
 def get_action(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Action[Any, Any, Any]]:
-    """Return the class of an action, such as ``example_interfaces/action/Fibonacci``; see `get_message`."""
+    """Return the class of an action, such as ``example_interfaces/action/Fibonacci``.
+
+    Arguments and errors are as for `get_message`.
+    """
     return _get(name, "action", Action, path, distro)
 
 
 def compile_definition(name: str, text: str) -> type[Any]:
-    """Return a class of the definition text of a bag or MCAP file.
+    """Return the class that a definition text of a bag or MCAP file defines.
 
     Args:
         name: full name of the first definition; its kind (msg, srv, action) selects the parser.
@@ -113,7 +116,7 @@ def compile_definition(name: str, text: str) -> type[Any]:
 
 
 def registry_of_text(name: str, text: str) -> InterfaceRegistry:
-    """Return the checked definitions of a text; arguments and errors as for `compile_definition`."""
+    """Return the checked definitions in a definition text of a bag; arguments, errors as for `compile_definition`."""
     from rosidl_py_gen.compiler.frontend.model import SourceText
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
@@ -137,10 +140,10 @@ def registry_of_text(name: str, text: str) -> InterfaceRegistry:
 
 
 def _text_owner(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
-    """Return the interface that a text defines, and its format.
+    """Return the interface that a definition text for the type `name` defines, and the format of the text.
 
-    Topics of derived types (``X_Event``, ``A_FeedbackMessage``) have either the text of the service or action, or that
-    of the derived message; the number of separators shows which.
+    Topics of derived types (``X_Event``, ``A_FeedbackMessage``) have either the text of the service or action, or the
+    text of the derived message; the number of separators shows which.
     """
     from rosidl_py_gen.compiler.frontend.interface_parser import separators
 
@@ -159,7 +162,10 @@ _PART_NAME = re.compile(r"^(MSG|IDL|SRV):\s*(\S+)\s*$")
 
 
 def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
-    """Return the definitions in a concatenated text; locations count from the first line of each."""
+    """Return the definitions in a concatenated text: name, text, and True for IDL; the first has the name `top`.
+
+    Raises `DefinitionError` for an invalid name. Locations count from the first line of each definition.
+    """
     lines = text.splitlines()
     cuts = [
         index
@@ -188,7 +194,9 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
 
 
 def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> type[Any] | None:
-    """Return a loaded class of a name, or a class of the search path or of any distribution; None if no class fits.
+    """Return a loaded class of a type, or a class of the search path or of any distribution, whose hashes fit.
+
+    Returns None if no class fits.
 
     Args:
         fits: returns True for the RIHS01 hashes of the requested type and of all types that it refers to, by name.
@@ -218,12 +226,12 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
 
 
 def get_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any]:
-    """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; raises as they do."""
+    """Return the message, service or action class of a full name; arguments and errors as for `get_message`."""
     return _get(name, "", object, path, distro)
 
 
 def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
-    """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; else None."""
+    """Return the message, service or action class of a full name; None if there is no such type."""
     try:
         return get_named_class(name, path=path, distro=distro)
     except TypeNotFoundError:
@@ -231,22 +239,22 @@ def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None 
 
 
 class DistributionDefinition(NamedTuple):
-    """A definition of a type that not all distributions share, with the distributions that have it, oldest first."""
+    """Definition of a type that differs between distributions, with the distributions that have it, oldest first."""
 
     type_name: str
     type_hash: str
     distributions: tuple[str, ...]
 
     def load(self) -> type[Any]:
-        """Return the class of the definition; it is compiled on first use. Thread: any."""
+        """Return the class of the distribution's definition, which is compiled at the first call. Thread: any."""
         return _get(self.type_name, "", object, (), self.distributions[-1])
 
 
 def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
     """Return the different definitions that the bundled distributions have of a type, which may be derived.
 
-    The lookup is in a generated table; nothing is compiled. Constants and default values are not compared. A type that
-    is the same in all distributions, or in none, has no definition here.
+    The lookup is in a generated table; nothing is compiled. Constants and default values are not compared. The result
+    is empty for a type that is the same in all distributions, or in none.
     """
     from rosidl_py_gen.msgs.distribution_hashes import HASHES
 
@@ -255,9 +263,9 @@ def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
 
 
 def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str | None = None) -> str:
-    """Return the origin of a class of `find_class`: its module, the file of its definition, or ``bundled``.
+    """Return the origin of a class's definition for display: a module, the file of the definition, or ``bundled``.
 
-    For a definition of another distribution than the default that is ``bundled (humble)``.
+    A bundled definition that only another distribution than the default has gives ``bundled (humble)``.
     """
     module = cls.__module__
     if not module.startswith(_MEMORY):
@@ -277,7 +285,7 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
 
 
 def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
-    """Return the class of a checked type, made of existing classes of the same hash where possible."""
+    """Return the class of a checked type; loaded and findable classes of the same hash are used for all its types."""
 
     def find(registry: InterfaceRegistry, part: RosName) -> type | None:
         text, wanted = str(part), registry.type_hash(str(part))
@@ -314,7 +322,7 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
 
 
 def _import_class(name: RosName) -> None:
-    """Import the generated class of the user's packages, if there is one. Lock: _lock should not be held."""
+    """Import the generated class of a type from the user's packages, if any. Lock: _lock should not be held."""
     find_installed_class(name, "")
 
 
@@ -325,7 +333,10 @@ def _import_classes(registry: InterfaceRegistry, name: RosName) -> None:
 
 
 def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
-    """Return the importable generated class; of `rosidl_py_gen.msgs` only one with the distribution's definition."""
+    """Return the importable generated class of a type; None if `path` or a distribution was requested, or without one.
+
+    A class in `rosidl_py_gen.msgs` is returned only if it has the distribution's definition.
+    """
     if path or choice.is_explicit:
         return None
     cls = find_installed_class(name)
@@ -334,7 +345,7 @@ def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionC
 
 
 def _has_definition_of(cls: type[Any], distro: str) -> bool:
-    """Return True if a class of the default distribution has the same definition in another one."""
+    """Return True if the definition of a default-distribution class is the same in the distribution `distro`."""
     if distro == DEFAULT:
         return True
     from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces
@@ -345,10 +356,10 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
 
 
 def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
-    """Return the pregenerated class of a bundled definition in a wheel: 10 ms, while a compilation takes 80 ms.
+    """Return the pregenerated class of a bundled type in a wheel: loading takes 10 ms, a compilation 80 ms.
 
-    None if another definition precedes the bundled one, if the distribution has another definition, or if a type that
-    it refers to has another class.
+    Returns None if another definition precedes the bundled one, if the distribution has another definition, or if a
+    type that it refers to has another class.
     """
     if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or has_installed_ros_packages())):
         return None
@@ -368,7 +379,7 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distributi
 
 
 def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegistry:
-    """Return the cached registry of a search path; files that change later are not read again."""
+    """Return the cached registry of the interfaces in folders; later changes of their files have no effect."""
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
@@ -379,7 +390,10 @@ def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegi
 
 
 def registry_of(name: RosName) -> InterfaceRegistry | None:
-    """Return the registry of the search path with a checked interface; None if it does not exist or has problems."""
+    """Return the registry of the default search path with the interface checked.
+
+    Returns None if the interface does not exist or has problems.
+    """
     from rosidl_py_gen.compiler.frontend.registry import read_checked
 
     with _lock:
@@ -443,7 +457,7 @@ def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> typ
 
 
 def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) -> type | None:
-    """Return a loaded or importable class of the same definition with defaults and constants; None without one."""
+    """Return a loaded or importable class with the same definition, defaults and constants; None without one."""
     in_use = _loaded.setdefault(str(name), [])
     found = next((cls for cls in in_use if _same_definition(registry, str(name), cls)), None)
     if found is None:
@@ -481,7 +495,7 @@ def _compile(
     own = {str(top), *(str(message.name) for message in messages_of(interface))}
 
     def known(full_name: str) -> str | None:
-        """Return the module of the class of another type, which is compiled first if necessary."""
+        """Return the module with the class of another type, which is compiled if necessary; None for the own types."""
         return None if full_name in own else get_class(split_ros_name(full_name)).__module__
 
     target = Target(root, known, registry.type_hash)
@@ -494,7 +508,7 @@ def _compile(
 
 
 def _run(module_name: str, source: str) -> ModuleType:
-    """Execute generated source as a module in `sys.modules`, for pickle and typing."""
+    """Return a new module, in `sys.modules` for pickle and typing, in which the generated source was executed."""
     for end in [index for index, char in enumerate(module_name) if char == "."]:
         parent = module_name[:end]
         if parent not in sys.modules:

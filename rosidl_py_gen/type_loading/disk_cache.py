@@ -1,11 +1,11 @@
-"""Disk caches: compiled modules of message classes for the import hook, type descriptions by RIHS01 hash, prefixes.
+"""Disk caches of compiled message modules, type descriptions, share folders and prefixes.
 
 Programs run cached code, so a process of this user must have written it. `cache_problem` decides for every kind of
 cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
 mode 0700 for any umask. Without owners of files, as on Windows, no code is cached.
 
-A module is used only if all its definitions have the digests that they had when it was stored. A reader of
-descriptions must check the hash.
+A module is used only if all its definitions have the digests that they had when it was stored. A reader of descriptions
+must check the hash.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
-"""Environment variable with another folder; ``off`` disables all caches."""
+"""Environment variable with the folder of all caches; the value ``off`` disables all caches."""
 KINDS = ("modules", "prefix", "share", "types")
-"""Folders in the folder of all caches."""
+"""Names of the folders in the folder of all caches, one for each kind of cache."""
 Parts = dict[str, str]
-"""Interfaces from which a module was compiled: full name -> digest of the text."""
+"""Interfaces from which a cached module was compiled: digest of the definition text by full name."""
 _MAX_MODULES = 4000
 _MAX_FILE_BYTES = 16 << 20
 MAX_DESCRIPTIONS = 2000
 MAX_DESCRIPTION_BYTES = 1 << 20
-"""Maximum size of a description with its sources; the descriptions of the largest actions have 50 kB."""
+"""Maximum bytes of a cached type description with its sources; the descriptions of the largest actions have 50 kB."""
 _DESCRIPTION = ".cdr"
 
 
@@ -67,7 +67,7 @@ def _platform_folder() -> Path:
 
 
 def cache_problem(folder: Path) -> str:
-    """Return why a folder of the caches must not be used; an empty text if no other user can change it.
+    """Return why a cache folder must not be used; "" if no other user can change it.
 
     Args:
         folder: the folder of all caches or a folder in it; it may not exist.
@@ -82,13 +82,13 @@ def cache_problem(folder: Path) -> str:
 
 
 def _usable_folder(kind: str) -> Path | None:
-    """Return a folder of the caches, which may not exist; None if it must not be used."""
+    """Return the folder of a kind of cache, which may not exist yet; None if it must not be used."""
     home = cache_home()
     return None if home is None or cache_problem(home / kind) else home / kind
 
 
 def _make_usable(folder: Path) -> str:
-    """Create a folder of the caches unless it exists; returns why it must not be used, or an empty text."""
+    """Create a cache folder unless it exists; return why it must not be used, or ""."""
     if problem := cache_problem(folder):
         return problem
     try:
@@ -99,10 +99,10 @@ def _make_usable(folder: Path) -> str:
 
 
 def cached_folder(kind: str, words: Iterable[object]) -> Path:
-    """Create the folder of mode 0700 that belongs to some words, and return it.
+    """Create the cache folder of mode 0700 for some key words, and return it.
 
-    It is a temporary folder of this process, with a warning, if other users can change the folder of the caches; and
-    without a warning if caches are disabled. Raises OSError if no folder can be created.
+    The folder is a temporary folder of this process, with a warning, if other users can change the folder of the
+    caches; and without a warning if caches are disabled. Raises OSError if no folder can be created.
     """
     name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
     home = cache_home()
@@ -118,7 +118,7 @@ def cached_folder(kind: str, words: Iterable[object]) -> Path:
 
 
 def is_usable(folder: Path) -> bool:
-    """Return True for an existing folder of `cached_folder` that is in the caches and that other users cannot enter."""
+    """Return True for an existing folder of `cached_folder` that is in the caches and closed to other users."""
     home = cache_home()
     if home is None or folder.parent.parent != home or cache_problem(folder.parent) or cache_problem(folder):
         return False
@@ -134,7 +134,7 @@ def _is_private(folder: Path) -> bool:
 
 
 def _claim(folder: Path) -> None:
-    """Create a folder that no other user can enter, or make an existing folder one.
+    """Create a cache folder that other users cannot enter, or close an existing folder to other users.
 
     If other users could write into an existing folder at any depth, it is renamed, and a new one replaces it. Programs
     of the user may create folders of any mode in it afterwards, because other users cannot enter it.
@@ -156,14 +156,17 @@ def _claim(folder: Path) -> None:
 
 @lru_cache(maxsize=16)
 def warn_once(problem: str) -> None:
-    """Print a warning once in a process."""
+    """Warn once in a process that a cache cannot be used because of `problem`, and a temporary folder replaces it."""
     cure = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
     warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {cure}", stacklevel=4)
 
 
 @lru_cache(maxsize=1)
 def temporary_home() -> Path:
-    """Return a folder that is removed when this process ends. Raises OSError if other users could replace it."""
+    """Return a temporary folder that is removed when this process ends.
+
+    Raises OSError if other users could replace the folder.
+    """
     import shutil
     import tempfile  # slow to import
 
@@ -185,7 +188,10 @@ def temporary_home() -> Path:
 
 
 def store_file(file: Path, data: bytes, *, max_files: int) -> None:
-    """Write a file that only the user can read, and remove the oldest files of its suffix; ignores errors."""
+    """Write a cache file that only the user can read, and remove the oldest files with its suffix above `max_files`.
+
+    Errors are ignored: the file is then not cached.
+    """
     import tempfile  # slow to import
 
     with suppress(OSError, ValueError):
@@ -213,7 +219,7 @@ def digest(data: bytes) -> str:
 
 @lru_cache(maxsize=1)
 def version() -> str:
-    """Return a digest of the times of the generator, of the code that generated code calls, and of Python's version."""
+    """Return a digest of what cached code depends on: the generator, its run-time support and Python's version."""
     package = Path(__file__).parents[1]
     rows: list[object] = [__version__, importlib.util.MAGIC_NUMBER]
     folders = [str(folder) for folder in (package / "base", package / "cdr", package / "compiler", templates_dir())]
@@ -232,9 +238,11 @@ def _name(interface: str, text_digest: str) -> str:
 
 
 def load_code(interface: str, text_digest: str, digest_of: Callable[[str], str]) -> tuple[Parts, CodeType] | None:
-    """Return the cached module of an interface; None unless it was compiled from the same texts.
+    """Return the cached module of an interface; None unless it was compiled from the current definition texts.
 
-    `digest_of` returns the digest of the text of another interface; empty if it does not exist.
+    Args:
+        text_digest: digest of the text of the interface.
+        digest_of: returns the digest of the text of another interface; empty if it does not exist.
     """
     folder = own_folder()
     if folder is None:
@@ -247,26 +255,29 @@ def load_code(interface: str, text_digest: str, digest_of: Callable[[str], str])
 
 
 def store_code(interface: str, text_digest: str, parts: Parts, code: CodeType) -> None:
-    """Store a module, and remove the oldest modules if there are too many; does nothing without a usable folder."""
+    """Store a compiled module in the cache, which removes its oldest modules if there are too many.
+
+    Does nothing without a usable folder.
+    """
     folder = own_folder()
     if folder is not None:
         store_checked(folder / _name(interface, text_digest), marshal.dumps((parts, code)), max_files=_MAX_MODULES)
 
 
 def store_checked(file: Path, content: bytes, *, max_files: int) -> None:
-    """Store a file with its digest, unless it is too large or other users can write to its folder."""
+    """Store a cache file with its digest, unless it is too large or other users can write to its folder."""
     if len(content) <= _MAX_FILE_BYTES and own_folder(create=True) is not None:
         store_file(file, digest(content).encode() + content, max_files=max_files)
 
 
 def own_folder(create: bool = False) -> Path | None:
-    """Return the folder of the cached modules and scans; None if none may be used."""
+    """Return the folder of cached modules and package scans; None if the folder must not be used."""
     folder = _usable_folder("modules") if hasattr(os, "geteuid") else None
     return None if folder is None or (create and _make_usable(folder)) else folder
 
 
 def read_checked(path: Path) -> bytes:
-    """Return the content of a file of `store_checked`; raises ValueError if it is damaged or of another user."""
+    """Return the content of a file that `store_checked` wrote; raises ValueError if damaged or another user's."""
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     with os.fdopen(handle, "rb") as file:
         found = os.fstat(handle)
@@ -279,12 +290,12 @@ def read_checked(path: Path) -> bytes:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the descriptions; None if none may be used."""
+    """Return the folder of cached type descriptions; None if the folder must not be used."""
     return _usable_folder("" if os.environ.get(VARIABLE) else "types")
 
 
 def load_description(type_hash: str) -> bytes | None:
-    """Return the cached description of a hash; None if there is none."""
+    """Return the cached encoded type description with a RIHS01 hash, unchecked; None if there is none."""
     folder = cache_folder()
     if folder is None:
         return None
@@ -297,7 +308,7 @@ def load_description(type_hash: str) -> bytes | None:
 
 
 def cached_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield hash and data of the cached descriptions that contain some bytes, newest first."""
+    """Yield hash and data of the cached type descriptions whose data contains some bytes, newest first."""
     folder = cache_folder()
     if folder is None:
         return
@@ -314,7 +325,7 @@ def cached_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def store_description(type_hash: str, data: bytes) -> None:
-    """Store an encoded description, and remove the oldest descriptions if there are too many."""
+    """Store an encoded type description in the cache, which removes its oldest descriptions if there are too many."""
     folder = cache_folder()
     if folder is not None and len(data) <= MAX_DESCRIPTION_BYTES:
         store_file(folder / f"{type_hash}{_DESCRIPTION}", data, max_files=MAX_DESCRIPTIONS)

@@ -1,5 +1,4 @@
-"""Classes from type descriptions of other nodes, and definitions from classes, for types that are not on the search
-path.
+"""Classes of other nodes' type descriptions, and definition texts of classes, for types not on the search path.
 
 A loaded class of the same name and hash is used without a compilation, also for nested types. The limits on
 descriptions are in `compiler/frontend/type_description_reader.py`. A generated class has names, types, bounds and
@@ -43,9 +42,15 @@ def _registry(
 
 
 def described_hashes(name: str, individuals: Mapping[str, Description], *, is_service: bool = False) -> dict[str, str]:
-    """Return the RIHS01 hashes of a described type and of all types that belong to it or that it refers to.
+    """Return the RIHS01 hashes of a described type and of all types that belong to it or that it refers to, by name.
 
-    Arguments and errors as for `compile_described`.
+    Args:
+        individuals: the description of each type alone, by name; derived messages may be missing.
+        is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
+
+    Raises:
+        DefinitionError: the description is invalid or too large.
+        InvalidNameError: a name is invalid.
     """
     return _registry(split_ros_name(name), individuals, {}, is_service).all_hashes(name)
 
@@ -58,12 +63,13 @@ def compile_described(
     is_service: bool = False,
     path: SearchFolders = (),
 ) -> type[Any]:
-    """Return the class of a described type.
+    """Return the class of a type that type descriptions describe, such as those of another node.
 
     Args:
         individuals: the description of each type alone, by name; derived messages may be missing.
-        sources: type name -> encoding and text; they add constants, comments and defaults if they have the same fields.
+        sources: encoding and text by type name; they add constants, comments and defaults if they have the same fields.
         is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
+        path: folders with interface packages, in which classes of the same hash are searched first.
 
     Raises:
         DefinitionError: the description is invalid or too large.
@@ -74,10 +80,10 @@ def compile_described(
 
 
 def definition_text(cls: type[Any]) -> str:
-    """Return the definition of a class with all types that it uses, for bags; `compile_definition` reads it.
+    """Return the definition text of a class with all types that it uses, for bags; `compile_definition` reads the text.
 
     The text is the text of the file with comments and constants, if the search path has the same definition; otherwise
-    it is made of the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
+    it is made from the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
     `TypeNotFoundError` if that is not on the search path.
     """
     from rosidl_py_gen.compiler.frontend.definition_text import full_text
@@ -95,7 +101,7 @@ def definition_text(cls: type[Any]) -> str:
 
 
 def generated_names() -> dict[RosName, Path]:
-    """Return the interfaces of importable generated packages with the packages' folders, without an import."""
+    """Return the interfaces of importable generated packages, each with its package folder, without importing them."""
     found: dict[RosName, Path] = {}
     current = [finder.folder for finder in sys.meta_path if isinstance(finder, GeneratedPackages)]
     for entry in map(Path, [*sys.path, *current]):
@@ -114,10 +120,11 @@ def generated_names() -> dict[RosName, Path]:
 
 
 def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, str] | None:
-    """Return the definition of the generated class of ``pkg/kind/Name``, or of ``pkg/Name`` of any kind.
+    """Return the definition of an importable generated class with the name ``pkg/kind/Name``, or ``pkg/Name``.
 
     Returns:
-        The definition, its full name, and a note about its origin; None if no such class can be imported.
+        A registry with the definition, its full name, and a note about its origin; None if no such class can be
+            imported.
     """
     for kind in KINDS if text.count("/") == 1 else ("msg",):
         try:

@@ -36,18 +36,18 @@ else:
     Loader = object  # takes 5 ms to import
 
 _PARSER = ("rosidl_parser", "rosidl_parser.definition")
-"""Modules of the `SLOT_TYPES` of rclpy's messages; replaced if they are not installed."""
+"""Modules with the types in `SLOT_TYPES` of rclpy's messages, which the hook provides if they are not installed."""
 RCLPY_COMPAT_DIR = Path(__file__).parents[1] / "ros_compat"
 """Folder of the packages that are importable with rclpy's API: `rclpy`, `tf2_ros` and others."""
 
 
 class ImportHookWarning(UserWarning):
-    """Two packages have one name, and one of them is not used; or the share folder of a package is a guess."""
+    """Warning of the import hook: of two packages with one name one is not used, or a share folder is a guess."""
 
 
 @dataclass(frozen=True)
 class FoundPackage:
-    """A package that the import hook has found.
+    """ROS package that the import hook has found.
 
     Attributes:
         name: the package name.
@@ -61,7 +61,7 @@ class FoundPackage:
 
     @property
     def share(self) -> Path:
-        """Share folder: `folder`, or a folder of links if setup.py or CMakeLists.txt install files elsewhere."""
+        """Share folder: the package's folder, or one of links if setup.py or CMakeLists.txt install files elsewhere."""
         from rosidl_py_gen.type_loading.share_folder import share_folder
 
         return share_folder(self.name, self.folder, problem=_warn_of_share)
@@ -107,7 +107,7 @@ def install_import_hook(
 
     Raises:
         DefinitionError: a folder of `path` contains no package or two of one name, or `workspace_of` does not exist, or
-            one of them is not a path.
+            one of the arguments is not a path.
         RuntimeError: a hook with other settings is installed; with the same settings, that hook is returned.
         UnknownDistributionError: `distro` has another value.
         ValueError: `message_api` has another value.
@@ -138,7 +138,7 @@ def install_import_hook(
 
 
 def found_packages() -> dict[str, FoundPackage]:
-    """Return the packages of the import hook by name: all with definitions, and all others of its workspace."""
+    """Return the packages that the installed import hook has found, by name: with definitions, or in its workspace."""
     finder = _installed
     return {} if finder is None else finder.found()
 
@@ -177,9 +177,10 @@ def _is_compat_package(spec: ModuleSpec) -> bool:
 
 
 class _FallbackFinder:
-    """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace.
+    """Last finder in `sys.meta_path`, which finds the Python packages of the hook's `path` and workspace.
 
-    For the import of a well-known message package that no finder has, it raises the error that names its repository.
+    For the import of a well-known message package that no finder has, the finder raises an error that names its
+    repository.
     """
 
     def __init__(self, packages: dict[str, Path], distro: str) -> None:
@@ -212,7 +213,7 @@ class _FallbackFinder:
 
 
 class _Finder(Loader):
-    """A finder and loader of `sys.meta_path`."""
+    """First finder in `sys.meta_path` and loader of the import hook."""
 
     def __init__(
         self,
@@ -245,7 +246,7 @@ class _Finder(Loader):
         self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
         self._other_origins: dict[str, str] = {}
         self._own: set[tuple[str, str]] = set()
-        """Packages and kinds of which no others are importable."""
+        """Packages and kinds (msg, srv, action) that no other finder provides, which was checked before."""
         self._search_state = threading.local()
 
     # --- finding ------------------------------------------------------------------------------------------------------
@@ -286,7 +287,7 @@ class _Finder(Loader):
         return dict(sorted(found.items()))
 
     def _compat_package(self, name: str) -> ModuleSpec | None:
-        """Return the spec of a companion of rclpy, unless an installed one is used."""
+        """Return the import spec of a companion package of rclpy; None if an installed package is used instead."""
         other, own = self._other_spec(name, None), PathFinder.find_spec(name, [str(RCLPY_COMPAT_DIR)])
         if own is None or other is None or other.origin is None:
             return own
@@ -300,7 +301,10 @@ class _Finder(Loader):
             warnings.warn(ImportHookWarning(f"{name}: using {used}, not {unused}"), stacklevel=2)
 
     def _package(self, package: str) -> ModuleSpec | None:
-        """Return the spec of a message package: of the workspace or made by the hook; None for an importable one."""
+        """Return the import spec of a message package: its Python package in the workspace, or a package of the hook.
+
+        Returns None for a package that is importable otherwise.
+        """
         other = self._other_spec(package, None)
         if other is not None and other.loader is not None and other.origin:
             return None
@@ -311,7 +315,7 @@ class _Finder(Loader):
         return ModuleSpec(package, self, is_package=True)
 
     def _uses_other(self, package: str, kind: str, path: Sequence[str] | None) -> bool:
-        """Return True if importable message modules of another tool are used."""
+        """Return True if the import is left to importable message modules that the hook does not provide."""
         name = f"{package}.{kind}"
         if path is None:
             found = self._other_spec(package, None)
@@ -340,7 +344,7 @@ class _Finder(Loader):
         return None
 
     def _is_plain_folder(self, name: str) -> bool:
-        """Return True if other finders find only a folder without ``__init__.py``, such as a ROS package."""
+        """Return True if other finders find only a folder without ``__init__.py`` for a name, such as a ROS package."""
         other = self._other_spec(name, None)
         is_folder = other is not None and other.origin is None and other.submodule_search_locations is not None
         return is_folder and name not in self._interfaces.search.packages
@@ -358,7 +362,12 @@ class _Finder(Loader):
         return None
 
     def exec_module(self, module: ModuleType) -> None:
-        """Define the contents of a module; raises `DefinitionError`, and ImportError for a conflict of classes."""
+        """Define the contents of a module that the hook imports.
+
+        Raises:
+            DefinitionError: a definition has problems.
+            ImportError: a type needs a package whose classes another tool provides, or two interfaces have one module.
+        """
         package, _, rest = module.__name__.partition(".")
         kind, _, name = rest.partition(".")
         if not kind:

@@ -1,4 +1,4 @@
-"""Modules of interfaces with the names of rosidl, such as ``std_msgs.msg._string``, made in memory.
+"""Modules of interfaces with rosidl's names, such as ``std_msgs.msg._string``, whose contents are made in memory.
 
 A module defines the classes of rclpy's API, so that a program sees the same names as with a ROS installation, or
 exports the native classes of `class_lookup`.
@@ -30,11 +30,14 @@ _SUFFIXES = {
         *(f"_{service}{part}" for service in ("SendGoal", "GetResult") for part in _SERVICE_SUFFIXES),
     ),
 }
-"""Suffixes of an interface's classes by kind."""
+"""Name suffixes of the classes of an interface, by kind."""
 
 
 class Interfaces:
-    """Interfaces of a search path and their modules; `distro` is the explicitly selected distribution, or None."""
+    """Interfaces of a search path and the contents of their modules.
+
+    `distro` is the explicitly selected distribution, or None.
+    """
 
     def __init__(self, search: SearchPath, folders: Sequence[str], distro: str | None = None) -> None:
         self.search = search
@@ -47,12 +50,15 @@ class Interfaces:
         self._planner: LayoutPlanner | None = None
 
     def kinds(self, package: str) -> set[str]:
-        """Return the kinds of interfaces in a package."""
+        """Return the kinds (msg, srv, action) of the interfaces in a package."""
         found = self.search.packages.get(package)
         return {name.kind for name in found.files} if found else set()
 
     def modules(self, package: str, kind: str) -> dict[str, list[RosName]]:
-        """Return the modules of a package with their interfaces: one each, unless two names give the same module."""
+        """Return the module names of a package's interfaces of a kind, each with its interface.
+
+        If two interface names give the same module name, it has both interfaces.
+        """
         if (package, kind) not in self._modules:
             found: dict[str, list[RosName]] = {}
             for name in self.search.packages[package].files:
@@ -62,7 +68,7 @@ class Interfaces:
         return self._modules[package, kind]
 
     def classes(self, package: str, kind: str) -> dict[str, str]:
-        """Return the classes of a package with the modules that define them."""
+        """Return the names of a package's classes of a kind, each with the module that defines it."""
         return {
             py_name(name.name + part): module
             for module, names in self.modules(package, kind).items()
@@ -71,7 +77,7 @@ class Interfaces:
         }
 
     def fill(self, module: ModuleType, name: RosName, code: CodeType | None) -> None:
-        """Define the classes of an interface in its module: by compiled code, or else the native classes.
+        """Define the classes of an interface in its module: by compiled code, or the native classes without `code`.
 
         Raises:
             DefinitionError: the definition has problems.
@@ -86,7 +92,9 @@ class Interfaces:
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 
     def code(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
-        """Return the interfaces and the code of a module of rclpy's API, from the cache if possible.
+        """Return the code of an interface's module with rclpy's API, and the interfaces it was compiled from.
+
+        The code is cached on disk.
 
         Raises:
             DefinitionError: the definition has problems.

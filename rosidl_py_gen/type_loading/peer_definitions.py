@@ -2,7 +2,7 @@
 
 The definition of a peer is identified by the RIHS01 hash that it announces. A type may also differ because a type that
 it refers to does: `my_msgs/msg/Sonar` with a field `sensor_msgs/Range` has another hash in each distribution whose
-`Range` differs. So the hash of a type in a distribution is computed from the own definition, with the types replaced
+`Range` differs. So the hash of a type in a distribution is computed from the own definition, with those types replaced
 that the distribution defines otherwise.
 
 Fields are converted by the rules of ``rosidl-py bag migrate``: by name, to defaults where the peer has no such field. A
@@ -35,11 +35,11 @@ _lock = threading.RLock()
 
 
 class UnconvertibleDefinitionError(RosidlError):
-    """Messages of a definition cannot be converted to another one; the text names the fields."""
+    """Error of two definitions whose messages cannot be converted; the text names the fields."""
 
 
 class PeerDefinition(NamedTuple):
-    """Another definition of a type.
+    """Definition that a type has in other distributions.
 
     Attributes:
         distros: the distributions that have it, oldest first.
@@ -53,7 +53,7 @@ class PeerDefinition(NamedTuple):
 
 
 class SampleConverter(NamedTuple):
-    """Conversion of encoded messages from one definition to another.
+    """Conversion of encoded messages from an old definition to a new one.
 
     Attributes:
         dropped: fields of the old definition that the new one does not have, as ``pkg/msg/Name.field``.
@@ -67,11 +67,20 @@ class SampleConverter(NamedTuple):
     convert: Callable[[Any], Any]
 
     def encode(self, data: Any) -> bytes:
-        """Return a sample of the new definition; raises `DecodeError`, or `EncodeError` if a value does not fit."""
+        """Return a sample converted to the new definition.
+
+        Raises:
+            DecodeError: the data is not a message of the old definition.
+            EncodeError: a value does not fit the new definition.
+        """
         return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
 
     def __call__(self, data: Any) -> bytes:
-        """Return a sample of the new definition; raises `DecodeError`, also for a value that does not fit."""
+        """Return a sample converted to the new definition.
+
+        Raises:
+            DecodeError: the data is not a message of the old definition, or a value does not fit the new one.
+        """
         try:
             return self.encode(data)
         except EncodeError as error:
@@ -79,14 +88,14 @@ class SampleConverter(NamedTuple):
 
 
 def peer_definitions(cls: type[Message]) -> Mapping[str, PeerDefinition]:
-    """Return the definitions that other distributions have of a class's type, by hash; those of equal hash omitted."""
+    """Return the definitions of a class's type in other distributions, by RIHS01 hash; an equal one is omitted."""
     info = cls._TYPE
     with _lock:
         return _peer_definitions(info.name, info.hash, cls)
 
 
 def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | None:
-    """Return the class of a type that the nodes of a distribution use, by all that is known here; None without one."""
+    """Return the class of a type that nodes of a distribution use, as far as known; None if no class is known."""
     cls = find_named_class(name, path=path, distro=distro)
     if cls is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
         return cls
@@ -99,25 +108,33 @@ def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | No
 
 
 def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
-    """Return the conversion of a peer's samples to those of a class; raises `UnconvertibleDefinitionError`."""
+    """Return the conversion of a peer's samples to samples of a class.
+
+    Raises:
+        UnconvertibleDefinitionError: the definitions differ too much.
+    """
     with _lock:
         return _converter(_peer_class(definition), cls)
 
 
 def converter_to(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
-    """Return the conversion of samples of a class to those of a peer; raises like `converter_from`."""
+    """Return the conversion of samples of a class to samples of a peer.
+
+    Raises:
+        UnconvertibleDefinitionError: the definitions differ too much.
+    """
     with _lock:
         return _converter(cls, _peer_class(definition))
 
 
 def part_of(definition: PeerDefinition, name: str) -> PeerDefinition:
-    """Return the definition of a type that another one refers to, such as the request of a service."""
+    """Return the definition of a type that a peer's definition refers to, such as the request of its service."""
     full = full_description(name, definition.individuals.__getitem__)
     return definition._replace(type_name=name, type_hash=rihs01(full))
 
 
 def fits_exactly(cls: type[Message], data: Any) -> bool:
-    """Return True if data is a message of the class and nothing else, up to the padding of the network."""
+    """Return True if data is a message of the class with nothing after it except the padding of the network."""
     try:
         size = len(cls._decode(data)._encode())
     except (DecodeError, EncodeError):
@@ -151,7 +168,7 @@ def _find(name: str, own_hash: str, individuals: Mapping[str, Description]) -> d
 
 
 def _replaced_descriptions(individuals: Mapping[str, Description]) -> dict[str, dict[str, Description]]:
-    """Return the descriptions of types that a distribution defines otherwise, and of all that these refer to."""
+    """Return by distribution the descriptions of types that it defines otherwise, and of the types they refer to."""
     by_distro: dict[str, dict[str, Description]] = {distro: {} for distro in DISTRIBUTIONS}
     for type_name, own in individuals.items():
         for definition in distribution_definitions(type_name):

@@ -1,4 +1,4 @@
-"""Cached results of the searches for packages: those of a workspace, and those with interfaces.
+"""Disk cache of the results of searches for packages: of all packages of a workspace, and of those with interfaces.
 
 A result is used as long as no file or folder that the search has read has changed, appeared or disappeared.
 """
@@ -26,11 +26,12 @@ from rosidl_py_gen.type_loading import disk_cache
 
 _MAX_FILES = 200
 MIN_AGE_NS = 2_000_000_000
-"""Minimum time since the last change of a path: the times of some file systems have steps of 2 s."""
+"""Minimum time between the last change of a scanned path and the caching of the result: the times of some file systems
+have steps of 2 s."""
 
 
 def workspace_packages(workspace: Workspace) -> dict[str, Path]:
-    """Return `Workspace.packages`."""
+    """Return the folders of a workspace's packages by name, from the cache if nothing has changed."""
     settings = ("workspace", str(workspace.folder), workspace.depth, str(workspace.own))
     found = cached(settings, lambda: {name: str(path) for name, path in workspace.packages.items()})
     return {name: Path(path) for name, path in found.items()}
@@ -39,7 +40,10 @@ def workspace_packages(workspace: Workspace) -> dict[str, Path]:
 def search(
     path: Sequence[str], workspace: Workspace | None, choice: DistributionChoice
 ) -> tuple[list[str], SearchPath]:
-    """Return the folders with interfaces of `path` and of a workspace, and what `scan_search_path` finds with them."""
+    """Return the folders with interfaces of `path` and a workspace, and the packages that a search finds with them.
+
+    The result comes from the cache if nothing has changed.
+    """
 
     def scan() -> Any:
         # Names of files are cached for other distributions than the default only.
@@ -82,7 +86,10 @@ def _package(name: str, folder: str, origin: str, from_source: bool, known: list
 
 
 def cached(settings: object, scan: Callable[[], Any]) -> Any:
-    """Return the result of a scan, which consists of types that `marshal` supports."""
+    """Return the result of the function `scan`, or a cached result for equal settings if no scanned path has changed.
+
+    The result must consist of types that `marshal` supports.
+    """
     try:
         place = os.getcwd()
     except OSError:  # it was deleted

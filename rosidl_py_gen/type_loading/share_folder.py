@@ -32,21 +32,21 @@ _LIST_END = re.compile(
     "|FILES_MATCHING|EXCLUDE_FROM_ALL|MESSAGE_NEVER"
 )
 _MAX_ENTRIES = 20_000
-"""Maximum number of links of one share folder."""
+"""Maximum number of links in one share folder."""
 _Tree = dict[str, "Path | _Tree"]
 
 
 @dataclass(frozen=True)
 class Install:
-    """A command ``install(FILES | PROGRAMS | DIRECTORY ...)`` of a CMakeLists.txt, or a row of data files of setup.py.
+    """Install rule: ``install(FILES | PROGRAMS | DIRECTORY ...)`` of CMakeLists.txt, or a row of setup.py's data files.
 
     Attributes:
-        folder: of the package.
+        folder: folder of the package.
         kind: FILES, PROGRAMS or DIRECTORY.
         paths: files and folders, relative to `folder`; a folder that ends with ``/`` is installed without its name.
-        destination: relative to the prefix.
+        destination: target folder, relative to the prefix.
         rename: the new name of a file, or empty.
-        filters: of a DIRECTORY: patterns of file names, and True for those that are excluded.
+        filters: of a DIRECTORY: patterns of file names, and True for patterns that exclude files.
         only_matching: files of a DIRECTORY that match no pattern are not installed.
     """
 
@@ -59,7 +59,7 @@ class Install:
     only_matching: bool = False
 
     def files(self) -> Iterator[tuple[str, str]]:
-        """Yield the path below `destination`, and the path below `folder`, of each file and folder that exists."""
+        """Yield the path below `destination` and the path below `folder` of each existing file to install."""
         for path in self.paths:
             place = inside(path)
             exists = Path.exists if self.kind == "DIRECTORY" else Path.is_file
@@ -72,7 +72,10 @@ class Install:
 
 
 def cmake_installs(folder: Path, script: CMakeScript) -> list[Install]:
-    """Return what the CMakeLists.txt of a package installs; its regular expressions are taken to match all files."""
+    """Return the install rules of a package's CMakeLists.txt.
+
+    A regular expression that filters files is assumed to match all files.
+    """
     found = []
     for name, words in script.calls:
         texts = [word.text for word in words]
@@ -90,7 +93,10 @@ def cmake_installs(folder: Path, script: CMakeScript) -> list[Install]:
 
 
 def setup_installs(folder: Path, rows: object) -> list[Install]:
-    """Return what the data files of a Python package install; what cannot be determined is UNKNOWN."""
+    """Return the install rules of the data files in a setup.py, given as its value `rows`.
+
+    Paths that cannot be determined are UNKNOWN.
+    """
     tops = [os.path.join(os.path.abspath(folder), ""), os.path.join(os.path.realpath(folder), "")]
 
     def source(path: object) -> str:
@@ -117,11 +123,11 @@ def share_folder(
     interfaces: Mapping[RosName, Path] | None = None,
     problem: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Return the share folder of a source package: `folder` itself, or one of links.
+    """Return the share folder of a source package: `folder` itself, or a folder of links to installed files.
 
     Args:
-        name: of the package.
-        folder: of the package.
+        name: name of the package.
+        folder: source folder of the package.
         interfaces: its interface files, if some are in other folders.
         problem: called with a text if setup.py computes paths that are not known, or a file cannot be read.
     """
@@ -149,7 +155,7 @@ def _names(folder: Path) -> list[str]:
 
 
 def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Iterator[tuple[str, Path]]:
-    """Yield the place below ``share/<name>`` and the source of each installed file or folder."""
+    """Yield the path below ``share/<name>`` and the source path of each file or folder that the package installs."""
     share = f"share/{name}"
     installs: list[Install] = []
     budget = PackageBudget()
@@ -192,7 +198,7 @@ def _linked(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
-    """Insert a file or folder at a path; returns True if it was there already."""
+    """Insert a file or folder into a tree of share-folder entries; return True if it was there already."""
     for index, part in enumerate(parts[:-1], 1):
         below = tree.get(part, {})
         if isinstance(below, Path):
@@ -207,7 +213,10 @@ def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
 
 
 def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
-    """Create the links of a folder; files that programs wrote there remain."""
+    """Create or update the links of a share folder from a tree of entries; files that programs wrote there remain.
+
+    `left` has the number of links that may still be created. Raises OSError for more.
+    """
     for name, source in tree.items():
         left[0] -= 1
         if left[0] < 0:

@@ -1,1 +1,1 @@
-"""Readers of the files of a bag: MCAP and SQLite. `bag_files.open_files` opens them."""
+"""Readers of the two kinds of bag files, MCAP and SQLite. `bag_files.open_files` opens the files of a bag."""

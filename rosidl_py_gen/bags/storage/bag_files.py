@@ -1,7 +1,7 @@
-"""Opening the files of a bag: finds them, decompresses them, and selects the reader.
+"""Opening of the files of a bag: finds the files, decompresses them, and selects the reader for each.
 
 rosbag2 compresses whole files or single messages, with zstd. A compressed file is decompressed into a temporary folder,
-block by block, and never more than fits there.
+block by block, and takes at most half of the free space there.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 SUFFIX = ".zstd"
 _SUFFIXES = ".mcap", ".db3"
 _MAGIC = b"\x28\xb5\x2f\xfd"
-"""First bytes of zstd data. CDR begins with a zero."""
+"""First bytes of zstd data, which distinguish compressed messages: CDR begins with a zero."""
 _PAGES = struct.Struct(">16x H 10x I")
-"""Size and number of the pages of a database, in its header."""
+"""Layout of the size and number of pages in the header of a SQLite database."""
 _MAX_RATIO = 1000
 _MAX_HEAD = 18
-"""Size of the header of a zstd frame, which states the decompressed size."""
+"""Maximum bytes of the header of a zstd frame, which states the decompressed size."""
 
 
 def open_files(
@@ -51,7 +51,12 @@ def open_files(
     on_skipped: Callable[[DamagedPart], None] | None = None,
     progress: ReadingProgress | None = None,
 ) -> tuple[list[Path], list[Storage], BagMetadata | None]:
-    """Open the files of a bag; `resources` closes them.
+    """Open the files of a bag; leaving the exit stack `resources` closes them.
+
+    Args:
+        validate_crcs: compare checksums of MCAP chunks.
+        max_bytes: maximum size of a decompressed chunk or message.
+        on_skipped: called with each damaged part that is skipped; None raises `BagError` for damage.
 
     Returns:
         Paths of the files, their readers, and the contents of ``metadata.yaml``; None without such a file.
@@ -79,7 +84,7 @@ def open_files(
 
 
 def _files_of(path: Path) -> tuple[list[Path], bool, BagMetadata | None]:
-    """Return the files, True if their messages may be compressed, and the metadata."""
+    """Return the files of a bag, True if rosbag2 may have compressed single messages, and the metadata or None."""
     if not path.is_dir():
         return [path], True, None
     if not (path / FILE).exists():  # the recorder was killed
@@ -92,7 +97,7 @@ def _files_of(path: Path) -> tuple[list[Path], bool, BagMetadata | None]:
 
 
 def bag_files(folder: Path) -> list[Path]:
-    """Return the bag files in a folder by name, compressed or not; raises `BagError` if there are none."""
+    """Return the bag files in a folder in name order, compressed or not; raises `BagError` if there are none."""
     files = _bag_files(folder)
     if not files:
         raise BagError(f"{folder}: folder contains neither {FILE} nor bag files")
@@ -100,10 +105,9 @@ def bag_files(folder: Path) -> list[Path]:
 
 
 def compression_of(file: Path) -> str | None:
-    """Return the mode of rosbag2's compression of a file, ``file`` or ``message``.
+    """Return rosbag2's compression mode of a bag file: ``file``, ``message``, or "" without compression.
 
-    Returns:
-        An empty text without compression; None if the file has no message.
+    Returns None if the file has no message that shows the mode.
     """
     if file.suffix == SUFFIX:
         return "file"
@@ -114,7 +118,10 @@ def compression_of(file: Path) -> str | None:
 
 
 def _find_file(folder: Path, name: str) -> Path:
-    """Return the file or its compressed form: some recorders name one and leave the other; a killed one leaves both."""
+    """Return the file that ``metadata.yaml`` names, or its compressed or plain form, whichever is complete.
+
+    Some recorders name one form and leave the other; a killed recorder leaves both.
+    """
     if (named := folder / name).suffix == SUFFIX and named.is_file():
         return named  # complete, as the recorder ended; rosbag2 leaves decompressed files next to it
     plain = folder / name.removesuffix(SUFFIX)
@@ -136,12 +143,12 @@ def _bag_files(folder: Path) -> list[Path]:
 
 
 def _pick_complete(pair: list[Path]) -> Path:
-    """Return the complete one of a plain file and its compressed form; a recorder that compresses leaves both."""
+    """Return the complete file of a plain bag file and its compressed form; a killed recorder leaves both."""
     return pair[0] if len(pair) == 1 or _is_plain_complete(pair[0]) or not _is_decompressible(pair[1]) else pair[1]
 
 
 def _is_plain_complete(path: Path) -> bool:
-    """Return True if an MCAP file has its index, or a database all of its pages."""
+    """Return True if an uncompressed bag file is complete: an MCAP file with its index, a database with all pages."""
     try:
         if path.suffix == ".mcap":
             with closing(McapFile(path, False)) as file:
@@ -154,7 +161,10 @@ def _is_plain_complete(path: Path) -> bool:
 
 
 def _decompressed_pieces(stream: IO[bytes]) -> tuple[int, Iterator[bytes]]:
-    """Return the decompressed size that a file states, -1 for none, and its content; both raise exceptions of zstd."""
+    """Return the decompressed size that a zstd file states, -1 for none, and an iterator over its content.
+
+    Raises exceptions of the zstd library for damaged data.
+    """
     stated_size = frame_content_size(stream.read(_MAX_HEAD))
     stream.seek(0)
     reader = ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(stream, read_across_frames=True)
@@ -162,7 +172,7 @@ def _decompressed_pieces(stream: IO[bytes]) -> tuple[int, Iterator[bytes]]:
 
 
 def _is_decompressible(path: Path) -> bool:
-    """Return True if a compressed file can be decompressed to its end."""
+    """Return True if a zstd file can be decompressed to its end."""
     try:
         with path.open("rb") as stream:
             stated_size, pieces = _decompressed_pieces(stream)
@@ -183,7 +193,12 @@ def _decompressed(path: Path, resources: ExitStack, max_bytes: int, progress: Re
 
 
 def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: ReadingProgress) -> Path:
-    """Decompress a file into `folder`; a file may grow to a thousand times its size, and to `max_bytes`."""
+    """Return the path of a zstd file's decompressed form in `folder`.
+
+    Raises:
+        BagError: the content is larger than `max_bytes` and than 1000 times the file, larger than half of the free
+            space, or damaged.
+    """
     target = folder / path.name.removesuffix(SUFFIX)
     room = shutil.disk_usage(folder).free // 2
     max_size = max(max_bytes, _MAX_RATIO * path.stat().st_size)
@@ -212,7 +227,7 @@ def _require_size(path: Path, size: int, max_size: int) -> None:
 
 
 class _CompressedMessages:
-    """`Storage` that decompresses the messages of another one, and passes on the rest."""
+    """Storage reader that decompresses each message of another `Storage`, and delegates everything else."""
 
     def __init__(self, storage: Storage, path: Path, max_bytes: int) -> None:
         self._storage = storage

@@ -1,4 +1,4 @@
-"""Chunks of MCAP: decompression within bounds, and the records in them.
+"""Decompression of MCAP chunks within bounds, and parsing of the records in them.
 
 The stated size of a chunk must be the size that its compression states, and at most the limit of the reader. A large
 chunk is decompressed in blocks of whole records, about a megabyte each, or one record that is larger.
@@ -32,40 +32,40 @@ if TYPE_CHECKING:
     Array = NDArray[Any]
 
 RECORD = struct.Struct("<BQ")
-"""Opcode and length of an MCAP record."""
+"""Layout of the start of an MCAP record: opcode and length."""
 _HEAD = struct.Struct("<QQQII")
-"""Start of a chunk: log times, size, checksum, and length of the compression's name."""
+"""Layout of the start of a chunk: first and last log time, size, checksum, and length of the compression's name."""
 BLOCK_BYTES = 1 << 20
 MAX_WHOLE_CHUNK_BYTES = 1 << 23
-"""Size up to which chunks are decompressed at once, which is faster."""
+"""Maximum size of a chunk that is decompressed at once, which is faster than in blocks."""
 MAX_WINDOW = 1 << 27
-"""Maximum window of zstd, as of `zstd` itself without ``--long``."""
+"""Maximum window of zstd that is accepted, as by the command ``zstd`` without ``--long``."""
 Read = Callable[[int, int], bytes]
 MESSAGE = struct.Struct("<BQHIQQ")
-"""Start of a message record: opcode, length, channel, sequence, log time and publish time; the data follow."""
+"""Layout of the start of a message record: opcode, length, channel, sequence, log time, publish time; data follow."""
 MIN_MESSAGE_BYTES = MESSAGE.size - RECORD.size
 IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-"""Kinds of records in chunks; others are of unknown kinds."""
+"""Opcodes of records that MCAP allows in chunks; records with other opcodes count as unknown."""
 IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 _HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
 _MIN_EQUAL_RUN = 4
-"""Number of messages of equal length after which more are expected."""
+"""Number of consecutive messages of equal length after which the parser expects more of this length."""
 _LARGE = 8
-"""A message is large if its chunk has at most this many times its size."""
+"""Maximum ratio of a chunk's size to a large message's size; the data of large messages are views of the chunk."""
 _MAX_FRAME_HEAD = 18
-"""Size of the header of a zstd frame."""
+"""Maximum size of the header of a zstd frame."""
 _MAX_COMPRESSION_NAME = 4
 COMPRESSIONS = "", "lz4", "zstd"
 _HOLE = bytes(512)
-"""A sector of a disk; compressed data have no such zeros."""
+"""Zeros as long as a sector of a disk, which mark unwritten blocks: compressed data have no such zeros."""
 _MAX_LZ4 = 255
-"""Maximum compression ratio of LZ4."""
+"""Maximum compression ratio of LZ4, which bounds the size that a chunk can state."""
 
 
 def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
-    """Return the records of a chunk compressed with ``zstd`` or ``lz4``; unchanged without a name."""
+    """Return the records of a chunk compressed with ``zstd`` or ``lz4``; unchanged if `compression` is empty."""
     if compression == "zstd":
         return zstd_compress(data)
     if compression == "lz4":
@@ -75,7 +75,7 @@ def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
 
 
 def _lz4_frames() -> Any:
-    """Return the module of LZ4, which some Python versions have no wheel of; raises `ExtraMissingError` without it."""
+    """Return the module of LZ4; raises `ExtraMissingError` without it, as some Python versions have no wheel."""
     try:
         import lz4.frame  # type: ignore[import-untyped]
     except ImportError as missing:
@@ -84,11 +84,11 @@ def _lz4_frames() -> Any:
 
 
 class TooLargeError(BagError):
-    """Raised when a chunk is larger than allowed; it may be intact."""
+    """Error of an MCAP chunk that is larger than the reader's limit; the chunk may be intact."""
 
 
 class Tally:
-    """Counter of the records of a chunk that is read in several blocks."""
+    """Counter of unknown records, shared by the blocks of a chunk that is read in several blocks."""
 
     __slots__ = ("count",)
 
@@ -97,7 +97,11 @@ class Tally:
 
 
 class ChunkHeader(NamedTuple):
-    """Header of a chunk; its records are stored from `at` to `end` of the file."""
+    """Header of an MCAP chunk; the stored records extend from offset `at` to `end` of the file.
+
+    Attributes:
+        size: decompressed size of the records.
+    """
 
     at: int
     end: int
@@ -107,7 +111,7 @@ class ChunkHeader(NamedTuple):
 
 
 class Zstd(threading.local):
-    """Decompressor for each thread: one that is shared by threads mixes up their data."""
+    """Zstd decompressor for each thread: a decompressor that threads share would mix up their data."""
 
     def __init__(self) -> None:
         self.own = ZstdDecompressor()
@@ -117,7 +121,7 @@ class ChunkDecompressor:
     """Decompressor and parser for the chunks of a file. Methods raise `BagError`, and exceptions of the libraries.
 
     Args:
-        read: reads bytes of the file: offset and size; fewer at its end.
+        read: returns bytes of the file, by offset and size; fewer at the end of the file.
         max_bytes: maximum size of a decompressed chunk.
         validate_crcs: compare checksums.
     """
@@ -130,7 +134,7 @@ class ChunkDecompressor:
         self._zstd = Zstd()
 
     def header(self, body: int, end: int) -> ChunkHeader:
-        """Return the header of the chunk whose record has its body from `body` to `end`."""
+        """Return the header of a chunk whose record body extends from offset `body` to `end`; raises `BagError`."""
         _, _, size, crc, name = _HEAD.unpack(self.read(body, _HEAD.size))
         at = body + _HEAD.size + name
         (length,) = struct.unpack("<Q", self.read(at, 8))
@@ -139,14 +143,14 @@ class ChunkDecompressor:
         return ChunkHeader(at + 8, end, self.read(body + _HEAD.size, name).decode(), size, crc)
 
     def decompress(self, head: ChunkHeader) -> bytes:
-        """Return the records of a chunk."""
+        """Return the decompressed records of a chunk; raises `BagError` for a wrong checksum or size."""
         data = self._decompressed(head, self.read(head.at, head.end - head.at))
         if self.validate_crcs and head.crc and zlib.crc32(data) != head.crc:
             raise BagError(f"{self.where}: damaged: the checksum of a chunk of {len(data)} bytes is wrong")
         return data
 
     def is_large(self, head: ChunkHeader) -> bool:
-        """Return True if a chunk is read in blocks: it is large, and none of its first messages is half of it.
+        """Return True if a chunk is to be read in blocks: it is large, and no message at its start is half of it.
 
         Raises `BagError` if its header is inconsistent, or it is too large.
         """
@@ -164,9 +168,9 @@ class ChunkDecompressor:
         return True
 
     def blocks(self, head: ChunkHeader, validate_crcs: bool) -> Iterator[tuple[bytes | bytearray, int]]:
-        """Yield the records of a chunk in blocks, each with the size of its whole records.
+        """Yield the decompressed records of a chunk in blocks, each with the size of the whole records in the block.
 
-        A wrong checksum is an error at the end.
+        Raises `BagError` for damage; a wrong checksum is found only at the end.
         """
         unpack = self._block_reader(head)
         left, crc, need = head.size, 0, 0
@@ -193,9 +197,10 @@ class ChunkDecompressor:
             raise BagError(f"{self.where}: damaged: the checksum of a chunk is wrong")
 
     def unfinished(self, body: int, end: int) -> tuple[bytes, int]:
-        """Return the whole records of a chunk whose file ends at `end`, and the size of the missing records.
+        """Return the whole records of a chunk in which the file breaks off at `end`, and the size of missing records.
 
-        The chunk has no checksum then. So nothing is returned if blocks of a compressed chunk were not written.
+        Such a chunk cannot be compared with its checksum. So b"" is returned if blocks of a compressed chunk were not
+        written.
         """
         _, _, size, crc, name = _HEAD.unpack(self.read(body, _HEAD.size))
         at = body + _HEAD.size + name + 8
@@ -213,7 +218,7 @@ class ChunkDecompressor:
         return bytes(data[:whole]), size - whole
 
     def _block_reader(self, head: ChunkHeader) -> Callable[[int], bytes]:
-        """Return a function that reads at most `n` decompressed bytes, and none at the end."""
+        """Return a function that returns at most `n` decompressed bytes of a chunk at each call, and b"" at the end."""
         source = _Stored(self.read, head)
         if not head.compression:
             return source.read
@@ -266,12 +271,13 @@ class ChunkDecompressor:
         size: int = -1,
         unknown: Tally | None = None,
     ) -> list[RawTuple]:
-        """Return the messages of some channels.
+        """Return the messages of the requested channels in a chunk's records.
 
         Args:
-            requested: the channels.
+            data: decompressed records.
+            requested: the channels by id.
             known: ids of all channels.
-            size: size of the records; -1 for all data.
+            size: size of the whole records in `data`; -1 for all data.
             unknown: counts records of unknown kinds.
         """
         view = memoryview(data)
@@ -302,7 +308,7 @@ class ChunkDecompressor:
     def message_headers(
         self, data: bytes | bytearray, known: Container[int], size: int = -1
     ) -> tuple[Array, NDArray[np.int64]]:
-        """Return the headers of all messages as an array, and the offsets of their data."""
+        """Return the headers of all messages in a chunk's records as a structured array, and their data's offsets."""
         size = len(data) if size < 0 else size
         at = self._message_offsets(data, size)
         every: Array = np.ndarray((max(0, size - MESSAGE.size + 1),), f"V{MESSAGE.size}", data, 0, (1,))
@@ -313,7 +319,7 @@ class ChunkDecompressor:
         return heads, at + MESSAGE.size
 
     def _message_offsets(self, data: bytes | bytearray, size: int) -> NDArray[np.int64]:
-        """Return the offsets of messages.
+        """Return the offsets of the message records in a chunk's records.
 
         After a message length has repeated, the rest is viewed as rows of that length and the record headers are
         compared at once; the run ends at the first row that differs. After a wrong guess more equal messages are
@@ -351,7 +357,7 @@ class ChunkDecompressor:
 
 
 def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
-    """Return the end of the last whole record, and the number of missing bytes of the next."""
+    """Return the end of the last whole record in the data, and the number of bytes that the next record lacks."""
     at, size = 0, len(data)
     while at + RECORD.size <= size:
         end: int = at + RECORD.size + RECORD.unpack_from(data, at)[1]
@@ -362,7 +368,7 @@ def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
 
 
 def _has_hole(read: Read, at: int, end: int) -> bool:
-    """Return True if a range has a sector of zeros, or ends with zeros, as after a power cut."""
+    """Return True if a range of a file has a sector of zeros, or ends with zeros, as after a power cut."""
     for start in range(at, end, BLOCK_BYTES):
         if _HOLE in read(start, min(BLOCK_BYTES + len(_HOLE), end - start)):
             return True

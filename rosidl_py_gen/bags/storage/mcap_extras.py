@@ -1,6 +1,6 @@
 """Records of an MCAP file that are not messages: header, attachments and metadata records.
 
-Records are copied as they are, piece by piece, so that an attachment may be larger than memory. Before that they are
+Records are copied byte by byte, piece by piece, so that an attachment may be larger than memory. Before that they are
 checked: a record with a wrong checksum, or with lengths that contradict each other, is damaged.
 """
 
@@ -26,22 +26,22 @@ _LENGTH = struct.Struct("<I")
 _TIMES = struct.Struct("<QQ")
 _SIZE = struct.Struct("<Q")
 _MAX_NAME_BYTES = 1 << 20
-"""Maximum length of names: the index of a copy has them all in memory."""
+"""Maximum bytes of a name in a record: the index of a copied file has all names in memory."""
 _MAX_CHECKED_BYTES = 1 << 24
-"""Size of a metadata record up to which each of its texts is checked."""
+"""Maximum size of a metadata record in which each text is checked; a larger record is checked only as a whole."""
 _MAX_VALUES_BYTES = 1 << 20
-"""Maximum size of a metadata record of rosbag2: 1000 topics take less than half of it."""
+"""Maximum size of a rosbag2 metadata record whose values are read: 1000 topics take less than half of it."""
 
 
 @dataclass(slots=True)
 class OtherRecords:
-    """Offsets and counts of the records of a file that are not messages and describe none.
+    """Offsets and counts of the records of a file that are neither messages, schemas nor channels.
 
     Attributes:
         header: offset of the header; None if there is none.
         attachments, metadata: offsets of these records. They are arrays, as a file may consist of small ones.
-        unknown: number of records outside of chunks that only the program knows that wrote them.
-        unknown_in_chunks: number of such records in each chunk, by the chunk's offset.
+        unknown: number of application-specific records outside of chunks.
+        unknown_in_chunks: number of application-specific records in each chunk, by the chunk's offset.
     """
 
     header: int | None = None
@@ -51,7 +51,7 @@ class OtherRecords:
     unknown_in_chunks: dict[int, int] = field(default_factory=dict)
 
     def add(self, opcode: int, at: int) -> None:
-        """Add a record outside of chunks."""
+        """Register a record outside of chunks, at the offset `at`."""
         if opcode == Opcode.ATTACHMENT:
             self.attachments.append(at)
         elif opcode == Opcode.METADATA:
@@ -63,7 +63,7 @@ class OtherRecords:
 
 
 class AttachmentHead(NamedTuple):
-    """Description of an attachment; `size` is the number of bytes of its data."""
+    """Description of an MCAP attachment; `size` is the number of bytes of its data."""
 
     name: str
     media_type: str
@@ -73,14 +73,14 @@ class AttachmentHead(NamedTuple):
 
 
 class StoredAttachment(NamedTuple):
-    """Attachment of a file; `pieces` reads its complete record."""
+    """Attachment of an MCAP file; `pieces` yields the bytes of its complete record."""
 
     head: AttachmentHead
     pieces: Callable[[], Iterator[bytes]]
 
 
 class StoredMetadata(NamedTuple):
-    """Metadata record of a file; `pieces` reads the complete record, `values` its contents.
+    """Metadata record of an MCAP file; `pieces` yields the bytes of its complete record, `values` returns its contents.
 
     `values` raises `BagError` for a record of more than a megabyte.
     """
@@ -91,7 +91,7 @@ class StoredMetadata(NamedTuple):
 
 
 class _Fields:
-    """Fields of a record, from its first byte after the length to `end`."""
+    """Reader of the fields of a record, one after the other, up to the end of the record."""
 
     def __init__(self, read: Read, at: int) -> None:
         head = read(at, RECORD.size)
@@ -125,7 +125,7 @@ class _Fields:
         self.at += size
 
     def pairs(self) -> Iterator[tuple[str, str]]:
-        """Yield keys and values of a map; the whole record is in memory meanwhile."""
+        """Yield the keys and values of a map field, for which the whole map is in memory."""
         (length,) = self.unpack(_LENGTH)
         data, at = self._take(length), 0
         while at < length:
@@ -146,7 +146,7 @@ class _Fields:
 
 
 def read_profile(read: Read, at: int) -> str:
-    """Return the profile that the header at an offset states; empty if it is damaged."""
+    """Return the profile in the MCAP header record at an offset; "" if the record is damaged."""
     try:
         return _Fields(read, at).text()
     except BagError:
@@ -154,7 +154,7 @@ def read_profile(read: Read, at: int) -> str:
 
 
 def read_attachment(read: Read, at: int, validate_crcs: bool) -> StoredAttachment:
-    """Return the attachment whose record is at an offset; raises `BagError` if it is damaged."""
+    """Return the attachment whose record starts at an offset; raises `BagError` if the record is damaged."""
     fields = _Fields(read, at)
     body = fields.at
     log_time, create_time = fields.unpack(_TIMES)
@@ -174,7 +174,7 @@ def read_attachment(read: Read, at: int, validate_crcs: bool) -> StoredAttachmen
 
 
 def read_metadata(read: Read, at: int) -> StoredMetadata:
-    """Return the metadata record at an offset; raises `BagError` if it is damaged."""
+    """Return the metadata record that starts at an offset; raises `BagError` if the record is damaged."""
     fields = _Fields(read, at)
     name, size = fields.text(), fields.end - fields.at
     start = fields.at

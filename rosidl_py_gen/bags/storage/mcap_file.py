@@ -1,4 +1,4 @@
-"""Reader of an MCAP file, with its index or one that is made by walking through the file.
+"""Reader of an MCAP file, by its index or by an index made from walking through the file.
 
 Segments are read in the order of their first log time; later messages wait until the next segment begins. The reader of
 the package `mcap` sorts message by message, and its objects cost twice as much as decoding.
@@ -57,17 +57,17 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _MESSAGE_BYTES = 200
-"""Memory of a message in addition to its data: a tuple, two integers and a slice."""
+"""Memory of a waiting message in bytes, in addition to its data: a tuple, two integers and a slice."""
 
 
 class McapFile(Storage):
-    """MCAP file. Without an index, as after a crash, it is read from start to end.
+    """Reader of an MCAP file. A file without an index, as after a crash, is read from start to end.
 
     Args:
         max_decompressed_bytes: maximum size of a decompressed chunk, and of the messages that wait for earlier ones
             because chunks overlap in time.
-        on_skipped: called with each damaged part, which is skipped then; None raises `BagError`.
-        progress: gets the progress of reading the file from start to end.
+        on_skipped: called with each damaged part that is skipped; None raises `BagError` for damage.
+        progress: receives the progress of reading the file from start to end.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class McapFile(Storage):
 
     @cached_property
     def _index(self) -> Index:
-        """Index of the file, or its contents found by a walk."""
+        """Index of the file; if the file has none, an index made by walking through the file."""
         if self._stored_index is not None:
             return self._stored_index
         index = Index()
@@ -111,7 +111,10 @@ class McapFile(Storage):
 
     @cached_property
     def _segments(self) -> list[MessageSegment]:
-        """All segments with messages. An index lists chunks only, but messages may be outside of chunks."""
+        """All segments with messages, by first log time.
+
+        An index lists chunks only, so ranges between chunks are searched for messages outside of chunks.
+        """
         index = self._index
         if index.unindexed_ranges:
             unchunked = Index(index.segments, index.channels, index.schemas, other=index.other)
@@ -127,7 +130,7 @@ class McapFile(Storage):
         return sorted(index.segments, key=attrgetter("first"))
 
     def _require_counts(self, index: Index, unchunked: Index) -> None:
-        """Raise `BagError` if no message is in a chunk, and the statistics state other counts."""
+        """Raise `BagError` if a file without chunks states other message counts than were found in it."""
         stated = {number: count for number, count in (index.counts or {}).items() if count}
         if index.counts is not None and stated != unchunked.counts:
             raise BagError(
@@ -195,7 +198,7 @@ class McapFile(Storage):
         return None if other.header is None else read_profile(self._read, other.header)
 
     def chunk_compression(self) -> str:
-        """Return the compression of the first chunk with a known one."""
+        """Return the compression of the first chunk with a known compression; "" without such a chunk."""
         with library_errors_as_bag_error(self._path):
             for segment in self._segments:
                 if segment.is_chunk and segment.is_finished:
@@ -218,13 +221,13 @@ class McapFile(Storage):
         return other.unknown + sum(other.unknown_in_chunks.values())
 
     def _walked_index(self) -> Index:
-        """Return the index after the ranges between chunks were read."""
+        """Return the file's index, completed by the records that are between the indexed chunks."""
         with library_errors_as_bag_error(self._path):
             _ = self._segments
         return self._index
 
     def _intact(self, offsets: Iterable[int], read: Callable[[int], T]) -> Iterator[T]:
-        """Yield the records at some offsets, and report those that are damaged."""
+        """Yield the records that `read` returns for some offsets; damaged records are reported and skipped."""
         for at in offsets:
             try:
                 with library_errors_as_bag_error(self._path):
@@ -269,7 +272,7 @@ class McapFile(Storage):
     def _select(
         self, topics: Collection[str] | None, start: int, end: int
     ) -> tuple[list[MessageSegment], dict[int, BagChannel], dict[int, BagChannel]]:
-        """Return the segments that may have requested messages, the requested channels, and all channels."""
+        """Return segments that may have requested messages, the requested channels by id, and all channels by id."""
         segments = [one for one in self._segments if one.first < end and one.last >= start]
         known = self._channels(self._index)
         requested = {number: one for number, one in known.items() if topics is None or one.topic in topics}
@@ -357,9 +360,9 @@ class McapFile(Storage):
     def _contents(
         self, segment: MessageSegment, known: Container[int]
     ) -> Iterator[tuple[bytes | bytearray, int, bool]]:
-        """Yield the records of a segment, in blocks if it is large.
+        """Yield the records of a segment, in blocks if it is a large chunk.
 
-        Each comes with the size of its whole records, -1 for all of it, and True if more may follow.
+        Each block is a tuple: data, size of the whole records in it (-1 for all data), True if more blocks may follow.
         """
         if not segment.is_finished:
             yield self._chunks.unfinished(segment.offset, segment.end)[0], -1, False
@@ -376,7 +379,10 @@ class McapFile(Storage):
     def _blocks(
         self, segment: MessageSegment, requested: Mapping[int, BagChannel], known: Container[int]
     ) -> Iterator[tuple[list[RawTuple], int, bool]]:
-        """Yield the messages of a segment in blocks by log time, each with its size and True if more may follow."""
+        """Yield the requested messages of a segment in blocks, sorted by log time within a block.
+
+        Each block is a tuple: messages, size of the block's data, True if more blocks may follow.
+        """
         unknown = Tally()
         for data, whole, has_more in self._contents(segment, known):
             messages = self._chunks.messages(data, requested, known, whole, unknown)
@@ -390,7 +396,7 @@ class McapFile(Storage):
             yield messages, size, has_more
 
     def _reads_in_blocks(self, head: ChunkHeader, known: Container[int]) -> bool:
-        """Return True for a large chunk whose messages are in order, which is found by reading it."""
+        """Return True for a large chunk whose messages are in order of log time, which requires reading it once."""
         if not self._chunks.is_large(head):
             return False
         is_ordered = self._is_ordered.get(head.at)
@@ -439,7 +445,7 @@ def _topic_of(channel: ChannelRecord, schema: Schema | None, count: int | None) 
 
 
 class _MergeBuffer:
-    """Messages of chunks that overlap in time, while they wait for earlier ones.
+    """Messages of chunks that overlap in time, which wait for earlier messages.
 
     A heap merges runs of messages, each by log time: n messages of m chunks take n log m steps.
 
@@ -458,14 +464,14 @@ class _MergeBuffer:
         return not self._runs
 
     def add(self, run: list[RawTuple]) -> None:
-        """Add messages; of equal log times, those that were added first come first."""
+        """Add messages that are sorted by log time; at equal log times, messages added earlier come first."""
         if run:
             heappush(self._runs, (run[0][2], self._count, 0, run))
             self._count += 1
             self.size += _memory_of(run)
 
     def before(self, end: int | None) -> Iterator[RawTuple]:
-        """Remove and yield the messages with ``log_time < end`` by log time; all if `end` is None."""
+        """Remove and yield the waiting messages with ``log_time < end`` by log time; all of them if `end` is None."""
         runs = self._runs
         while runs and (end is None or runs[0][0] < end):
             _, number, at, run = heappop(runs)

@@ -1,7 +1,7 @@
-"""Index of an MCAP file, its contents and their offsets; and the distribution of its recorder.
+"""Index of an MCAP file: its contents and their offsets; and the distribution of its recorder.
 
 An index is used if its checksum is right and all chunks, channels and schemas that it refers to are in it. Writers may
-omit any of these, and killed recorders omit all; then `walk` creates one.
+omit any of these, and killed recorders omit all; then `walk` creates an index.
 
 rosbag2 writes the distribution into metadata records: Humble ``ROS_DISTRO`` at the start of the file, later
 distributions at its end the contents of ``metadata.yaml``, which has ``ros_distro`` (docs/internals/protocol.md 1.9).
@@ -35,25 +35,27 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.mcap_chunks import Read
 
 _FOOTER = Struct("<BQQQI8s")
-"""End of a file: opcode, length, start of the summary, start of its offsets, checksum of the summary, magic bytes."""
+"""Layout of the end of an MCAP file: opcode, length, start of the summary, start of the summary's offsets, checksum of
+the summary, magic bytes."""
 _FOOTER_CRC = 12
-"""Offset of the checksum, from the end of the file."""
+"""Bytes from the summary's checksum to the end of the file."""
 _BLOCK_BYTES = 1 << 20
 _METADATA_NAME = "rosbag2"
 _MAX_METADATA_RECORDS = 16
-"""Maximum number of metadata records to read, and of records at the start of the file."""
+"""Maximum number of records at the start of a file, and of indexed metadata records, in which the distribution is
+searched."""
 _MAX_METADATA_BYTES = 1 << 20
-"""Maximum size of a metadata record to read: 1000 topics take less than half of it."""
+"""Maximum size of a metadata record in which the distribution is searched: 1000 topics take less than half of it."""
 
 
 class MessageSegment(NamedTuple):
     """Segment of a file whose messages are read together: a chunk, or messages outside of chunks.
 
     Attributes:
-        offset: start of its first record; for a chunk, of the body of its record.
+        offset: start of its first record; for a chunk, of the body of the chunk's record.
         end: end of the segment.
-        first, last: log times.
-        channels: channels of its messages; None if not known.
+        first, last: log times of the first and the last message.
+        channels: ids of the channels of its messages; None if not known.
         is_finished: False for a chunk within which the file breaks off.
     """
 
@@ -68,14 +70,14 @@ class MessageSegment(NamedTuple):
 
 @dataclass(slots=True)
 class Index:
-    """Contents of a file.
+    """Contents of an MCAP file and their offsets.
 
     Attributes:
-        counts: messages by channel; None if not known.
+        counts: number of messages by channel id; None if not known.
         time_range: log times of the first and the last message; None if there is none.
         unindexed_ranges: ranges that the index does not describe; they may contain messages.
         truncated_bytes: size of an unfinished record at the end of the file.
-        other: records that are not messages and describe none.
+        other: records that are neither messages, schemas nor channels.
     """
 
     segments: list[MessageSegment] = field(default_factory=list)
@@ -88,7 +90,7 @@ class Index:
     other: OtherRecords = field(default_factory=OtherRecords)
 
     def add_records(self, records: Iterable[tuple[int, bytes | bytearray]]) -> None:
-        """Add schema and channel records, or none of them if one contradicts a known one."""
+        """Add schema and channel records; raise `BagError`, and add none, if one contradicts a known record."""
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
         for opcode, body in records:
@@ -103,21 +105,21 @@ class Index:
         self.channels.update(channels)
 
     def count(self, messages: Mapping[int, int]) -> None:
-        """Add numbers of messages by channel."""
+        """Add numbers of messages by channel id to the counts."""
         if self.counts is not None:
             for channel, count in messages.items():
                 self.counts[channel] = self.counts.get(channel, 0) + count
 
 
 def _require_same(before: Schema | Channel, now: Schema | Channel) -> None:
-    """Raise `BagError` if two definitions of an id differ, as messages would be decoded with the wrong one."""
+    """Raise `BagError` if two schema or channel records with one id differ; messages would be decoded wrongly."""
     if before != now:
         kind = type(now).__name__.lower()
         raise BagError(f"damaged: {kind} {now.id} has two different definitions")
 
 
 def read_index(stream: IO[bytes], read: Read, size: int) -> Index | None:
-    """Return the file's index; None if it is missing, wrong or incomplete."""
+    """Return the index that an MCAP file contains; None if it is missing, wrong or incomplete."""
     try:
         stream.seek(-_FOOTER.size, SEEK_END)
         _, _, start, _, expected, _ = _FOOTER.unpack(stream.read())
@@ -133,7 +135,7 @@ def read_index(stream: IO[bytes], read: Read, size: int) -> Index | None:
 
 
 def checksum(read: Read, start: int, end: int) -> int:
-    """Return the CRC of a range, read in blocks, as the range may be the whole file."""
+    """Return the CRC-32 of a range of a file, read in blocks, as the range may be the whole file."""
     crc = 0
     for at in range(start, end, _BLOCK_BYTES):
         crc = zlib.crc32(read(at, min(_BLOCK_BYTES, end - at)), crc)
@@ -141,7 +143,7 @@ def checksum(read: Read, start: int, end: int) -> int:
 
 
 def _is_complete(stated: Summary) -> bool:
-    """Return True if each chunk, channel and schema is in the index; the package `mcap` does not check this."""
+    """Return True if an MCAP summary lists each chunk, channel and schema; the package `mcap` does not check this."""
     statistics, chunks, channels = stated.statistics, stated.chunk_indexes, stated.channels
     if len({one.chunk_start_offset for one in chunks}) != len(chunks):
         return False
@@ -183,7 +185,7 @@ def _index_of(stated: Summary, summary_start: int) -> Index:
 
 
 def recorded_distro(stream: IO[bytes], size: int) -> str:
-    """Return the name of the distribution; empty if no metadata record of the file has it, or they are damaged."""
+    """Return the distribution of the recorder in the metadata records of an MCAP file; "" if missing or damaged."""
     try:
         for body in _metadata_records(stream, size):
             record = Metadata.read(ReadDataStream(BytesIO(body)))
@@ -203,7 +205,7 @@ def recorded_distro(stream: IO[bytes], size: int) -> str:
 
 
 def _metadata_records(stream: IO[bytes], size: int) -> Iterator[bytes]:
-    """Yield the bodies of the first metadata records at the start of the file, then of the first indexed ones."""
+    """Yield the bodies of metadata records at the start of an MCAP file, then of indexed ones of rosbag2."""
     at = len(MCAP0_MAGIC)
     for _ in range(_MAX_METADATA_RECORDS):
         opcode, length = _head(stream, at)

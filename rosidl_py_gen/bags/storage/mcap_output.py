@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.mcap_extras import AttachmentHead
 
 _MAX_IDS = (1 << 16) - 1
-"""Maximum number of schemas, and of channels: ids have 16 bits, and 0 means no schema."""
+"""Maximum number of schemas, and of channels, in an MCAP file: ids have 16 bits, and 0 means no schema."""
 _TWO_IDS = struct.Struct("<HH")
 _INDEX_ENTRY = struct.Struct("<HQ")
 _CHUNK = struct.Struct("<QQQI")
@@ -36,12 +36,12 @@ _OPCODE = int(Opcode.MESSAGE)
 
 
 class McapOutput:
-    """Writer of an MCAP file into `stream`, which the caller opens and closes.
+    """Writer of the records of an MCAP file to `stream`, which the caller opens and closes.
 
     Args:
         profile: requirements that the file meets, ``ros2`` for bags of ROS 2.
         library: name and version of the writing program.
-        compression: of chunks: ``zstd``, ``lz4`` or empty.
+        compression: compression of chunks: ``zstd``, ``lz4`` or empty.
         chunk_bytes: size of the records after which a chunk is written.
     """
 
@@ -73,7 +73,7 @@ class McapOutput:
         return number
 
     def add_channel(self, schema: int, topic: str, message_encoding: str, metadata: Mapping[str, str]) -> int:
-        """Add a channel and return its id; raises `BagError` if there are too many. The schema 0 is none."""
+        """Add a channel and return its id; raise `BagError` if there are too many. `schema` is an id, or 0 for none."""
         number = _next_id(self._channels, "channels")
         ids = _TWO_IDS.pack(number, schema)
         self._add_definition(
@@ -90,7 +90,10 @@ class McapOutput:
     def add_message(
         self, channel: int, sequence: int, log_time: int, publish_time: int, data: bytes, is_compressed: bool = True
     ) -> None:
-        """Add a message to the present chunk, which is written when it is large enough."""
+        """Add a message to the current chunk, which is written when it has reached its size.
+
+        `is_compressed` is False to store a chunk that this message ends without compression.
+        """
         chunk = self._chunk
         at = len(chunk)
         chunk += MESSAGE.pack(_OPCODE, MIN_MESSAGE_BYTES + len(data), channel, sequence, log_time, publish_time)
@@ -109,7 +112,7 @@ class McapOutput:
             self._end_chunk(self._compression if is_compressed else "")
 
     def end_chunk(self) -> None:
-        """Write the present chunk if it has messages."""
+        """Write the current chunk to the file if it has messages."""
         if self._offsets:
             self._end_chunk(self._compression)
 
@@ -146,11 +149,11 @@ class McapOutput:
         )
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a metadata record."""
+        """Write a metadata record to the file, and add it to the index."""
         self.copy_metadata(name, [_record(Opcode.METADATA, _text(name), _bytes(_map(values)))])
 
     def copy_metadata(self, name: str, record: Iterable[bytes]) -> None:
-        """Add the pieces of a complete metadata record, as they are."""
+        """Write a complete metadata record of another file, given in pieces, and add it to the index."""
         start, length = self._copy(record)
         self._metadata_count += 1
         self._index[Opcode.METADATA_INDEX] += _record(
@@ -158,7 +161,7 @@ class McapOutput:
         )
 
     def copy_attachment(self, head: AttachmentHead, record: Iterable[bytes]) -> None:
-        """Add the pieces of a complete attachment record, as they are."""
+        """Write a complete attachment record of another file, given in pieces, and add it to the index."""
         start, length = self._copy(record)
         self._attachment_count += 1
         times_and_size = _ATTACHMENT_INDEX.pack(start, length, head.log_time, head.create_time, head.size)
@@ -174,12 +177,12 @@ class McapOutput:
         return start, self._stream.tell() - start
 
     def flush(self) -> None:
-        """Write the present chunk, and pass everything to the operating system."""
+        """Write the current chunk, and pass all written bytes to the operating system."""
         self.end_chunk()
         self._stream.flush()
 
     def finish(self) -> None:
-        """Write the rest and the index."""
+        """Write the remaining records, the index and the statistics, which complete the file."""
         self.end_chunk()
         self._stream.write(self._chunk)  # definitions that no message uses
         self._stream.write(_record(Opcode.DATA_END, bytes(4)))

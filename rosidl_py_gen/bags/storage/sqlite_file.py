@@ -1,7 +1,7 @@
 """Reader of a ``.db3`` file of rosbag2.
 
-The file is opened as immutable, so that SQLite creates no files next to it; except if it has a journal, as after a
-crash or during recording, whose messages would be missing otherwise.
+The file is opened as immutable, so that SQLite creates no files next to it. A file with a journal, as after a crash or
+during recording, is opened normally: its last messages are in the journal.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
 _TABLES = "messages", "topics", "message_definitions", "schema", "metadata"
-"""Tables that are read."""
+"""Names of the tables of rosbag2 that are read."""
 _MAX_METADATA_BYTES = 1 << 20
-"""Maximum size of contents of ``metadata.yaml``, as in MCAP files."""
+"""Maximum size of a stored ``metadata.yaml`` that is read, as for MCAP files."""
 JOURNALS = "-wal", "-journal"
-"""Endings of files next to a database, which contain its last changes."""
+"""Name endings of SQLite's journals, files next to a database that contain its last changes."""
 _JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
-"""Start of a journal, and end of one that names a journal of several databases."""
+"""First bytes of a rollback journal, and last bytes of a journal that belongs to several databases."""
 _MAX_TIME = (1 << 63) - 1
 _Definition: TypeAlias = "tuple[str, str, str, bytes | None]"
-"""Hash, text and encoding of a definition, and its bytes if they are no text."""
+"""Hash, text and encoding of a definition, and the bytes of the definition if they are not text."""
 
 
 class SqliteFile(Storage):
-    """``.db3`` file of rosbag2. Thread: any."""
+    """Reader of a ``.db3`` file of rosbag2. Thread: any."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -73,7 +73,7 @@ class SqliteFile(Storage):
         return _connect(copied, "mode=rw")
 
     def _require_tables(self) -> None:
-        """Raise `BagError` for computed tables: a few bytes can define rows without end."""
+        """Raise `BagError` if a table of rosbag2 is a view, virtual or generated: it could have endless rows."""
         for name, type_name, text in self._database.execute("select lower(name), type, lower(sql) from sqlite_master"):
             if name in _TABLES and (type_name != "table" or "virtual" in str(text)):
                 raise BagError(f"{self._path}: {name} is a view or virtual table; expected a plain table")
@@ -156,7 +156,7 @@ class SqliteFile(Storage):
         return count
 
     def copy_to(self, target: Path) -> None:
-        """Write a complete database without journal; raises `BagError` if it cannot be written."""
+        """Write a complete copy of the database without journal to `target`; raises `BagError` if that fails."""
         try:
             copied = sqlite3.connect(target)
             try:
@@ -209,18 +209,21 @@ class SqliteFile(Storage):
 
 
 def _pick_definition(texts: list[_Definition], type_hash: str) -> tuple[str, str, bytes | None]:
-    """Return the definition with a hash; one without hash only if unambiguous."""
+    """Return text, encoding and bytes of the definition with a hash; without hash, only if it is unambiguous.
+
+    Returns empty values and None if no definition fits.
+    """
     fitting = [one for one in texts if one[0] == type_hash] or [one for one in texts if not (one[0] and type_hash)]
     return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "", None)
 
 
 def _placeholder_topic(key: object, count: int | None = None) -> BagTopic:
-    """Return a topic for an id without a row, so that its messages are counted and readable as bytes."""
+    """Return a topic for a topic id that no row defines, so that its messages are counted and readable as bytes."""
     return BagTopic(f"(no topic has id {key!r})", "", count=count)
 
 
 def _require_own_journal(path: Path, journal: Path) -> None:
-    """Raise `BagError`: SQLite deletes the file that a journal of several databases names."""
+    """Raise `BagError` if a journal belongs to several databases: SQLite would delete the file that it names."""
     if journal.is_file():
         with journal.open("rb") as stream:
             stream.seek(-min(len(_JOURNAL_MAGIC), journal.stat().st_size), SEEK_END)

@@ -1,7 +1,7 @@
-"""Interface of the readers of a bag's files; messages, channels and split times of several files.
+"""Interface of the readers of bag files; merging of messages, channels and split times of several files.
 
 Every message refers to the channel it was written to, because a topic may have been recorded with several definitions.
-All exceptions of libraries over damaged files become a `BagError` that names the file.
+Any exception that a library raises over damaged files becomes a `BagError` that names the file.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
 K = TypeVar("K")
 MAX_TIME = (1 << 64) - 1
-"""Largest log time of MCAP; SQLite stores half of the range."""
+"""Maximum log time of MCAP in nanoseconds; SQLite stores half of the range."""
 MAX_UNPACKED_BYTES = 1 << 30
-"""Default limit of data that are decompressed at once, in bytes."""
+"""Default limit in bytes of data that is decompressed at once."""
 LOG_TIME = itemgetter(2)
 
 
 class ReadingProgress:
-    """Progress of reading or decompressing whole files.
+    """Progress of reading or decompressing the files of a bag, with an optional callback.
 
     Attributes:
-        total: number of bytes to read.
-        position: number of bytes of the present file that are read.
+        total: number of bytes of all files to read.
+        position: number of bytes read of the current file.
     """
 
     def __init__(self, on_progress: Callable[[int, int], object] | None = None) -> None:
@@ -46,19 +46,19 @@ class ReadingProgress:
         self._done = self.total = self.position = 0
 
     def show(self, position: int) -> None:
-        """Report a position in the present file."""
+        """Report to the callback that the current file is read up to a position."""
         self.position = position
         if self._on_progress is not None:
             self._on_progress(self._done + position, self.total)
 
     def end_file(self, size: int) -> None:
-        """Report that a file of `size` bytes is read."""
+        """Report to the callback that the current file of `size` bytes is read completely."""
         self._done += size
         self.show(0)
 
 
 class BagChannel:
-    """Topic with the definition of its messages. Compared by identity, as it is a key for each message."""
+    """Topic with the definition of its messages. Compared by identity, as it is a dictionary key for each message."""
 
     __slots__ = ("info", "topic")
 
@@ -68,19 +68,17 @@ class BagChannel:
 
 
 _NO_CHANNEL = BagChannel(BagTopic("", ""))
-"""Channel of a placeholder message at the first log time of a file."""
+"""Channel of the placeholder that stands for a file until its first log time."""
 RawTuple: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int, int]"
-"""Contents of a `BagMessage` before decoding, and its sequence number; a plain tuple takes a third of the time.
-
-Large messages are views of their chunk, and so are arrays that are decoded from them.
-"""
+"""Channel, data, log time, publish time and sequence number of a stored message; a plain tuple takes a third of the
+time of a class. Large messages are views of their chunk, and so are arrays that are decoded from them."""
 
 
 class MessageBlock(NamedTuple):
     """Messages of one channel by log time as arrays, with a row for each message, and their bytes in `data`.
 
     Attributes:
-        begin, size: offset and size of each message.
+        begin, size: offset of each message in `data`, and its size.
     """
 
     channel: BagChannel
@@ -91,59 +89,59 @@ class MessageBlock(NamedTuple):
     publish_times: NDArray[np.uint64]
 
     def rows(self, chosen: slice | NDArray[np.int64]) -> MessageBlock:
-        """Return some of the messages."""
+        """Return a block with the chosen messages only, which shares `data`."""
         begin, size, log_times, publish_times = (one[chosen] for one in self[2:])
         return MessageBlock(self.channel, self.data, begin, size, log_times, publish_times)  # type: ignore[arg-type]
 
 
 class Storage(Protocol):
-    """Interface of the reader of a file."""
+    """Interface of the reader of one bag file."""
 
     is_whole: bool = True
     """False if the file has no index, as after a crash."""
 
     @property
     def unread_bytes(self) -> int:
-        """Size of an unfinished record at the end of the file."""
+        """Size in bytes of an unfinished record at the end of the file."""
         return 0
 
     @property
     def has_journal(self) -> bool:
-        """True if messages are in another file next to it, as SQLite's journal after a crash."""
+        """True if the last messages are in a SQLite journal next to the file, as after a crash."""
         return False
 
     def stored_channels(self) -> list[BagTopic]:
-        """Return the channels, with counts if there is an index; a topic may have several."""
+        """Return the channels of the file, with message counts if known; a topic may have several channels."""
 
     def ros_distro(self) -> str:
-        """Return the distribution of the recorder; empty if the file does not have it."""
+        """Return the distribution of the recorder that the file states; "" if it states none."""
 
     def unused_schemas(self) -> list[BagTopic]:
-        """Return the schemas that no channel uses, without the name of a topic."""
+        """Return the schemas of the file that no channel uses, as topics without a name."""
         return []
 
     def profile(self) -> str | None:
-        """Return the profile of an MCAP file; None for others, and without a header."""
+        """Return the profile in the header of an MCAP file; None without a header, and for other storages."""
         return None
 
     def chunk_compression(self) -> str:
-        """Return the compression of the chunks of an MCAP file."""
+        """Return the compression of the chunks of an MCAP file; "" without compression, and for other storages."""
         return ""
 
     def metadata_texts(self) -> list[str]:
-        """Return the contents of ``metadata.yaml`` that the file has in tables of its own."""
+        """Return the texts of ``metadata.yaml`` that a SQLite file stores in a table."""
         return []
 
     def metadata_records(self) -> Iterator[StoredMetadata]:
-        """Yield the metadata records of an MCAP file, without the damaged ones, which are reported."""
+        """Yield the metadata records of an MCAP file; damaged records are reported and skipped."""
         return iter(())
 
     def attachments(self) -> Iterator[StoredAttachment]:
-        """Yield the attachments of an MCAP file, without the damaged ones, which are reported."""
+        """Yield the attachments of an MCAP file; damaged attachments are reported and skipped."""
         return iter(())
 
     def unknown_records(self) -> int:
-        """Return the number of records of unknown kinds, after all messages were read."""
+        """Return the number of MCAP records of unknown kinds, which is complete after all messages were read."""
         return 0
 
     def unknown_tables(self) -> int:
@@ -154,27 +152,30 @@ class Storage(Protocol):
         """Return the log times of the first and the last message; None without messages."""
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
-        """Yield raw messages with ``start <= log_time < end``, by log time; None means all topics."""
+        """Yield messages with ``start <= log_time < end`` before decoding, by log time; None means all topics."""
 
     def stored_messages(self) -> Iterator[RawTuple]:
-        """Yield all messages by log time as they are stored: compressed, if rosbag2 has compressed each of them."""
+        """Yield all messages by log time as stored: still compressed if rosbag2 compressed single messages."""
         return self.messages(None, 0, MAX_TIME + 1)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
-        """Yield messages in blocks; None if the messages of a topic would not be in order then."""
+        """Yield messages with ``start <= log_time < end`` in blocks, ordered by log time for each topic.
+
+        Returns None if blocks could not be in this order.
+        """
         return None
 
     def segments(self) -> list[tuple[int, int]]:
-        """Return first log time and size of each segment; none if this requires reading the file."""
+        """Return the first log time and size of each segment of the file; [] if that requires reading the file."""
         return []
 
     def close(self) -> None:
-        """Close the file; may be called repeatedly."""
+        """Close the bag file; may be called repeatedly."""
 
 
 @contextlib.contextmanager
 def library_errors_as_bag_error(path: Path) -> Iterator[None]:
-    """Turn exceptions of libraries over wrong bytes into a `BagError` that names the file."""
+    """Raise exceptions that libraries raise over damaged data as a `BagError` that names the file."""
     try:
         yield
     except (RosidlError, GeneratorExit):
@@ -186,7 +187,7 @@ def library_errors_as_bag_error(path: Path) -> Iterator[None]:
 
 
 def as_bag_messages(messages: Iterable[RawTuple]) -> Iterator[BagMessage]:
-    """Yield messages with their bytes, without a reference to a chunk while the next is read."""
+    """Yield raw messages as `BagMessage` with their bytes; no reference to a chunk stays while the next is read."""
     make = tuple.__new__  # in half the time of a call of the class
     for channel, data, log_time, publish_time, _ in messages:
         made = make(BagMessage, (channel.topic, bytes(data), log_time, publish_time))
@@ -196,7 +197,7 @@ def as_bag_messages(messages: Iterable[RawTuple]) -> Iterator[BagMessage]:
 
 
 def as_raw_messages(messages: Iterable[RawTuple]) -> Iterator[RawMessage]:
-    """Yield messages with their bytes and channels; see `as_bag_messages`."""
+    """Yield raw messages as `RawMessage` with their bytes; no reference to a chunk stays while the next is read."""
     make = tuple.__new__
     for channel, data, log_time, publish_time, sequence in messages:
         made = make(RawMessage, (channel.info, bytes(data), log_time, publish_time, sequence))
@@ -206,7 +207,7 @@ def as_raw_messages(messages: Iterable[RawTuple]) -> Iterator[RawMessage]:
 
 
 def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
-    """Yield the messages of several files by log time."""
+    """Yield the messages of several bag files, merged by log time; None means all topics."""
     if len(files) == 1:
         return files[0].messages(topics, start, end)
     each = []
@@ -218,16 +219,16 @@ def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: i
 
 
 def _open_when_due(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
-    """Read a file once its first message is due, so that not every file has a chunk in memory."""
+    """Yield the messages of a file, which is first read at the first iteration, so that few chunks are in memory."""
     yield from file.messages(topics, start, end)
 
 
 class TableInput(NamedTuple):
-    """Input of tables.
+    """Messages from which a table is made.
 
     Attributes:
         messages_or_blocks: blocks, ordered for each topic, or messages by log time.
-        decoded: decodes raw messages; errors are raised or skipped as requested.
+        decoded: function that decodes raw messages; it raises or skips errors as requested.
     """
 
     messages_or_blocks: Iterator[MessageBlock] | Iterator[RawTuple]
@@ -237,7 +238,7 @@ class TableInput(NamedTuple):
 def as_table_input(
     files: list[Storage], topics: Collection[str] | None, start: int, end: int
 ) -> Iterator[MessageBlock] | Iterator[RawTuple]:
-    """Return the messages in blocks if the files do not overlap in time, else as `merge_by_time`."""
+    """Return the messages of bag files in blocks if the files do not overlap in time, else one by one by log time."""
     due = [(span, file) for file in files if (span := file.span()) is not None and span[0] < end and span[1] >= start]
     due.sort(key=itemgetter(0))
     if not any(one[0][1] > other[0][0] for one, other in pairwise(due)):
@@ -249,7 +250,7 @@ def as_table_input(
 
 
 def split_times(files: Iterable[Storage], size: int) -> list[int]:
-    """Return log times that split a bag into slices of about `size` stored bytes; none if it is not larger."""
+    """Return log times that split a bag into slices of about `size` stored bytes; [] if the bag is not larger."""
     times: list[int] = []
     slice_bytes, slice_start = 0, None
     for first, stored in sorted(segment for file in files for segment in file.segments()):
@@ -262,17 +263,17 @@ def split_times(files: Iterable[Storage], size: int) -> list[int]:
 
 
 def merge_stored_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:
-    """Return one entry for each channel that differs from the others, of several files."""
+    """Return the stored channels of several files without duplicates, with counts added up."""
     return list(_merged(channels, attrgetter("channel_key")).values())
 
 
 def merge_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:
-    """Return one entry for each topic and definition; a file may have several channels of them."""
+    """Return one channel for each topic and definition, with counts added up: a file may have several of them."""
     return sorted(_merged(channels, attrgetter("key")).values(), key=attrgetter("name"))
 
 
 def topics_by_name(channels: Iterable[BagTopic]) -> dict[str, BagTopic]:
-    """Return one entry for each topic: the first that has a definition, with the number of all messages."""
+    """Return one entry for each topic name: its first channel with a definition, and the count of all its messages."""
     return dict(sorted(_merged(channels, attrgetter("name")).items()))
 
 

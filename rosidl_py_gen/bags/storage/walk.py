@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _PROGRESS_BYTES = 1 << 20
 _MAX_SEGMENT_BYTES = 1 << 20
-"""Maximum size of a segment of messages outside of chunks."""
+"""Maximum bytes of a segment of messages outside of chunks."""
 _CRC = struct.Struct("<I")
 _ROSBAG2_NAME = b"\x07\0\0\0rosbag2"
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
@@ -48,23 +48,25 @@ _DATA = (
     *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK),
     *(Opcode.ATTACHMENT, Opcode.METADATA),
 )
-"""Records whose loss is counted if the file breaks off within them; index records contain no data."""
+"""Opcodes of records that contain data: an unfinished one at the end counts as loss, an unfinished index record does
+not."""
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
-"""Possible first bytes after the data; empty if the file ends there."""
+"""First bytes of the records that may follow the data; b"" if the file ends after the data."""
 _HEAD = struct.Struct("<BQQQQII")
-"""Start of a chunk record: opcode, length, first and last log time, size, checksum, length of the next name."""
+"""Layout of the start of a chunk record: opcode, length, first and last log time, size, checksum, length of the
+compression's name, which follows."""
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _MAX_HEAD = _HEAD.size + 4 + 8
 _CANDIDATE = re.compile(rb"\x06(?=.{5}\0\0\0)", re.DOTALL)
-"""Opcode and length of a chunk that is shorter than 2**40 bytes."""
+"""Pattern of opcode and length of a chunk record that is shorter than 2**40 bytes."""
 _WINDOW = 1 << 20
 _FIRST_PRIVATE = 0x80
 _INDEX = struct.Struct("<BQH")
-"""Start of a message index record: opcode, length, channel."""
+"""Layout of the start of a message index record: opcode, length, channel."""
 
 
 class DamagedRange(NamedTuple):
-    """Damaged range of a file.
+    """Damaged range of an MCAP file.
 
     Attributes:
         first, last: log times of its messages; None if not known.
@@ -80,14 +82,15 @@ class DamagedRange(NamedTuple):
 
 
 OnDamage = Callable[[DamagedRange], None]
-"""Records a damage, or raises `BagError`."""
+"""Function that records a damaged range of an MCAP file, or raises `BagError`."""
 
 
 class Walk:
-    """Walk through the records of a file of `size` bytes, which adds its contents to `index`.
+    """Walk through the records of an MCAP file of `size` bytes, which adds the file's contents to `index`.
 
     Args:
         on_damage: called with each damaged range; if it returns, the walk continues after the range.
+        skips: damaged parts are skipped, so intact chunks are searched after them.
         on_progress: called after each megabyte with the number of bytes since the start.
     """
 
@@ -108,7 +111,7 @@ class Walk:
         self._doubtful_from: int | None = None
 
     def run(self, start: int, end: int) -> None:
-        """Walk from `start` to `end`, or to where the file breaks off."""
+        """Add the records from `start` to `end`, or to where the file breaks off, to the index."""
         at, self._end = start, end
         reported = start
         while at < end:
@@ -164,13 +167,13 @@ class Walk:
         return after
 
     def _report_doubtful(self, at: int) -> None:
-        """Report messages outside of chunks that ended before `at`, if they followed a damage."""
+        """Report messages outside of chunks as damaged if they followed a damaged part and end before `at`."""
         if self._doubtful_from is not None:
             self._skip(self._doubtful_from, at, BagError("messages after a damaged part, which have no checksum"))
             self._doubtful_from = None
 
     def _breaks_off(self, opcode: int, at: int) -> bool:
-        """Return True if a file is unfinished: it ends within a record, or with the zeros of a power cut."""
+        """Return True if the file breaks off at `at`: it ends within a record, or with the zeros of a power cut."""
         if self._is_closed():
             return False
         if not opcode:
@@ -183,7 +186,7 @@ class Walk:
         return True
 
     def _truncated_size(self, at: int) -> int:
-        """Return the size of the unfinished record at the end; 0 for a record of an index, and rosbag2's metadata."""
+        """Return the lost bytes of an unfinished record at the end of the file; 0 for index and rosbag2 metadata."""
         start = self._read(at, RECORD.size + len(_ROSBAG2_NAME))
         if start[:1] == bytes([Opcode.METADATA]) and start[RECORD.size :] == _ROSBAG2_NAME:
             return 0
@@ -193,13 +196,13 @@ class Walk:
         return self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
     def _continues(self, at: int) -> bool:
-        """Return True if chunks follow a record that exceeds the file, so that its length is damaged."""
+        """Return True if chunks follow after a record that exceeds the file, whose length must then be damaged."""
         if ChunkHead.at(self._read, at) is not None:
             return False
         return next_chunk(self._read, at + 1, self._size, self._size) < self._size
 
     def _check_data_end(self, at: int, length: int, after: int) -> int:
-        """Check the end of the data; return where the walk continues."""
+        """Check the record at `at` that ends the data section, and return the offset where the walk continues."""
         is_all = self._end == self._size or not self._index.segments  # else only ranges between chunks were read
         follows = after == self._end if self._end < self._size else self._read(after, 1) in _AFTER_DATA
         if not follows:
@@ -210,7 +213,7 @@ class Walk:
         return self._end
 
     def _check_crc(self, at: int, length: int) -> None:
-        """Compare the checksum of all data: records and messages outside of chunks have no other."""
+        """Raise `BagError` if the checksum of all data is wrong; records outside of chunks have no other checksum."""
         if not self._chunks.validate_crcs or length != _CRC.size:
             return
         (expected,) = _CRC.unpack(self._read(at + RECORD.size, _CRC.size))
@@ -218,7 +221,7 @@ class Walk:
             raise BagError("damaged: the checksum of its messages is wrong")
 
     def _add_other_record(self, opcode: int, at: int, after: int) -> int:
-        """Add a record other than a message; return its end, -1 if the file breaks off within it."""
+        """Add a record other than a message to the index; return its end, or -1 if the file breaks off within it."""
         head = ChunkHead.at(self._read, at)
         body = at + RECORD.size
         try:
@@ -245,7 +248,7 @@ class Walk:
         return after
 
     def _add_unfinished_chunk(self, at: int) -> None:
-        """Add the whole records of the chunk within which the file breaks off; nothing if one is damaged."""
+        """Add the whole records of the chunk at `at`, within which the file breaks off; add none if one is damaged."""
         body = at + RECORD.size
         segment = MessageSegment(body, self._size, True, 0, 0, is_finished=False)
         try:
@@ -280,7 +283,10 @@ def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
 
 
 def _add_chunk(some: Iterator[bytes | bytearray], segment: MessageSegment, index: Index) -> None:
-    """Add a chunk, or nothing of it if it is damaged; `segment` has its place."""
+    """Add the contents of a chunk, given in blocks, to the index; raise `BagError` and add nothing if it is damaged.
+
+    `segment` has the place of the chunk; its times and channels are found here.
+    """
     first, last, counts, unknown = MAX_TIME, -1, dict[int, int](), 0
     definitions: list[tuple[int, bytes | bytearray]] = []
     for data in some:
@@ -310,7 +316,7 @@ def _add_segment(index: Index, segment: MessageSegment) -> None:
 
 
 class _UnchunkedMessages:
-    """Messages outside of chunks, combined to segments of a megabyte."""
+    """Messages outside of chunks, which are combined to segments of about a megabyte."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
@@ -324,7 +330,7 @@ class _UnchunkedMessages:
         self._last = at, after, channel, log_time
 
     def drop_unfinished(self, last_byte: bytes) -> None:
-        """Drop the last message before the zeros of a power cut if it ends with a zero itself."""
+        """Drop the last message if it ends with a zero itself and is followed by the zeros of a power cut."""
         if last_byte == b"\0":
             self._last = None
 
@@ -357,10 +363,11 @@ class _UnchunkedMessages:
 
 
 class ChunkHead(NamedTuple):
-    """Start of a chunk record whose lengths agree.
+    """Start of a chunk record whose lengths agree with each other.
 
     Attributes:
         end: end of the record, which may be after the end of the file.
+        first, last: log times of the first and the last message.
     """
 
     end: int
@@ -369,12 +376,12 @@ class ChunkHead(NamedTuple):
 
     @classmethod
     def at(cls, read: Read, at: int) -> Self | None:
-        """Return the start of a chunk record at an offset, whatever its opcode; None if it is not consistent."""
+        """Return the chunk record that starts at an offset, whatever its opcode; None if its lengths do not agree."""
         return cls.within(read(at, _MAX_HEAD), 0, at)
 
     @classmethod
     def within(cls, data: bytes, start: int, at: int) -> Self | None:
-        """Return the start of a chunk record at `start` of `data`, which is `at` in the file; None as for `at`."""
+        """Return the chunk record at `start` of `data`, which is at `at` of the file; None if its lengths disagree."""
         if len(data) < start + _HEAD.size + 8:
             return None
         _, length, first, last, _, _, name = _HEAD.unpack_from(data, start)
@@ -388,7 +395,10 @@ class ChunkHead(NamedTuple):
 
 
 def next_chunk(read: Read, at: int, end: int, size: int) -> int:
-    """Return the offset of the next chunk of a file of `size` bytes, from `at` on; `end` if there is none before."""
+    """Return the offset of the next intact-looking chunk from `at` on; `end` if none starts before `end`.
+
+    `size` is the size of the file. Chunks of an MCAP file embedded in a message are skipped.
+    """
     while at < end:
         window = read(at, min(_WINDOW, end - at) + _MAX_HEAD)
         for match in _CANDIDATE.finditer(window, 0, min(_WINDOW, end - at) + RECORD.size):
@@ -406,7 +416,7 @@ def next_chunk(read: Read, at: int, end: int, size: int) -> int:
 
 
 def _embedding_end(read: Read, at: int, size: int) -> int:
-    """Return the end of an embedded MCAP file whose records continue at `at`; 0 if it is this file."""
+    """Return the end of an embedded MCAP file whose records continue at `at`; 0 if they belong to the file itself."""
     while at + RECORD.size <= size:
         head = read(at, _MAX_HEAD)
         if head.startswith(MCAP0_MAGIC):
@@ -419,12 +429,12 @@ def _embedding_end(read: Read, at: int, size: int) -> int:
 
 
 def is_known(opcode: int) -> bool:
-    """Return True for the opcodes of MCAP, and for those that MCAP reserves for applications."""
+    """Return True for the record opcodes of MCAP, and for opcodes that MCAP reserves for applications."""
     return 0 < opcode <= max(Opcode) or opcode >= _FIRST_PRIVATE
 
 
 def indexed_channels(read: Read, at: int, size: int) -> set[int] | None:
-    """Return the channels of a chunk whose message indexes begin at `at`; None if there are none."""
+    """Return the channel ids in the message indexes of a chunk, which begin at `at`; None if there are none."""
     channels = set()
     while at + _INDEX.size <= size:
         opcode, length, channel = _INDEX.unpack(read(at, _INDEX.size))
@@ -436,5 +446,5 @@ def indexed_channels(read: Read, at: int, size: int) -> set[int] | None:
 
 
 def are_zeros(read: Read, at: int, size: int) -> bool:
-    """Return True if a file has only zeros from `at` on, as after a power cut, or ends there."""
+    """Return True if a file has only zeros from `at` to its end, as after a power cut, or ends at `at`."""
     return not any(read(start, _WINDOW).strip(b"\0") for start in range(at, size, _WINDOW))

@@ -1,6 +1,6 @@
-"""Zstd from the package zstandard; where it is missing, from `compression.zstd` of Python 3.14 and newer.
+"""Zstd from the package zstandard; if it is missing, from `compression.zstd` of Python 3.14 and newer.
 
-`zstd_of_python` has the same names as zstandard, as far as bags need them.
+`zstd_of_python` defines the names of zstandard that bags need.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Names of the package zstandard on `compression.zstd` of Python 3.14 and newer, as far as bags need them."""
+"""Subset of the package zstandard that bags need, made from `compression.zstd` of Python 3.14 and newer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEVEL: Any = zstd.CompressionParameter.compression_level
 _WORKERS: Any = zstd.CompressionParameter.nb_workers
 _WINDOW_LOG: Any = zstd.DecompressionParameter.window_log_max
 _MAX_HEAD = 18
-"""Size of the header of a frame, which states the decompressed size."""
+"""Maximum size of the header of a zstd frame, which states the decompressed size."""
 _DEFAULT_WINDOW_LOG = 27
 
 
@@ -25,18 +25,18 @@ class _Source(Protocol):
 
 
 def frame_content_size(data: bytes) -> int:
-    """Return the decompressed size that the header of a frame states; -1 if it states none."""
+    """Return the decompressed size that the header of a zstd frame states; -1 if it states none."""
     size = zstd.get_frame_info(data).decompressed_size
     return -1 if size is None else int(size)
 
 
 def compress(data: bytes | bytearray) -> bytes:
-    """Return the data as one frame."""
+    """Return the data compressed as one zstd frame."""
     return bytes(zstd.compress(data))
 
 
 class ZstdCompressor:
-    """Compressor for messages and files.
+    """Zstd compressor for messages and files.
 
     Args:
         threads: 0 uses the calling thread, -1 one for each processor.
@@ -50,11 +50,11 @@ class ZstdCompressor:
         }
 
     def compress(self, data: bytes) -> bytes:
-        """Return the data as one frame."""
+        """Return the data compressed as one zstd frame."""
         return bytes(zstd.compress(data, options=self._options))
 
     def copy_stream(self, source: IO[bytes], target: IO[bytes], size: int, read_size: int) -> None:
-        """Compress a file of `size` bytes into another one as one frame."""
+        """Compress `size` bytes of a source stream into a target stream as one zstd frame."""
         library = zstd.ZstdCompressor(options=self._options)
         library.set_pledged_input_size(size)
         while piece := source.read(read_size):
@@ -63,13 +63,17 @@ class ZstdCompressor:
 
 
 class ZstdDecompressor:
-    """Decompressor; threads may share it, as each frame has an object of its own."""
+    """Zstd decompressor that threads may share, as each frame has an object of its own."""
 
     def __init__(self, max_window_size: int = 1 << _DEFAULT_WINDOW_LOG) -> None:
         self._window_log = max_window_size.bit_length() - 1
 
     def decompress(self, data: bytes, max_output_size: int = 0) -> bytes:
-        """Return the data of the first frame, which states its size or has at most `max_output_size` bytes."""
+        """Return the decompressed data of the first zstd frame.
+
+        `max_output_size` is the limit for a frame that does not state its size. Raises `ZstdError` if the frame is
+        longer.
+        """
         size = frame_content_size(data[:_MAX_HEAD])
         window_log = self._window_log
         if size < 0:
@@ -85,13 +89,13 @@ class ZstdDecompressor:
     def stream_reader(
         self, source: _Source | bytes, read_size: int = 1 << 17, read_across_frames: bool = False
     ) -> _StreamReader:
-        """Return a reader of the decompressed data."""
+        """Return a reader of the decompressed data of a stream or of bytes."""
         source = BytesIO(source) if isinstance(source, bytes) else source
         return _StreamReader(source, read_size, read_across_frames, self._window_log)
 
 
 class _StreamReader:
-    """Reader of the data of one frame, or of all frames one after the other; the source may end within a frame."""
+    """Reader of the decompressed data of one zstd frame, or of all frames; the source may end within a frame."""
 
     def __init__(self, source: _Source, read_size: int, all_frames: bool, window_log: int) -> None:
         self._source, self._read_size, self._all_frames = source, read_size, all_frames
@@ -99,7 +103,7 @@ class _StreamReader:
         self._frame: Any = zstd.ZstdDecompressor(options=self._options)
 
     def read(self, size: int) -> bytes:
-        """Return `size` bytes, fewer at the end."""
+        """Return `size` decompressed bytes, fewer at the end."""
         pieces, left = [], size
         while left > 0:
             more = b""

@@ -1,1 +1,1 @@
-"""Messages that behave like messages of rclpy, with the same codec as all others."""
+"""Message classes that behave like rclpy's, with the codec of all generated messages."""

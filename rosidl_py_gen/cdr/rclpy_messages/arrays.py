@@ -1,4 +1,4 @@
-"""Arrays of rclpy's messages, for their encoders and decoders: `array.array`, lists of bytes and of bools."""
+"""Arrays of rclpy's message classes, for their encoders and decoders: `array.array`, lists of bytes and of bools."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _bools = sequence_converter("?")
 
 
 def buffer_of_bools(value: object) -> Any:
-    """Return a list of bools as bytes, or another value as `cdr.support.bools`."""
+    """Return the value of a sequence of bools as a buffer with one byte for each; raises `FieldValueError`."""
     try:
         return bytes([BOOL_BYTE[item] for item in value]) if type(value) is list else _bools(value)
     except Exception:  # also of a `__hash__` of the caller
@@ -68,12 +68,12 @@ def _slice(view: Buffer, count: int, at: int) -> Buffer:
 
 
 def list_of_bools(view: Buffer, count: int, at: int) -> list[bool]:
-    """Return bytes as bools; any byte but 0 is True."""
+    """Return `count` bytes at the offset `at` as bools; any byte but 0 is True."""
     return [number != 0 for number in _slice(view, count, at)]
 
 
 def list_of_bytes(view: Buffer, count: int, at: int) -> list[bytes]:
-    """Return a list of bytes of length 1."""
+    """Return `count` bytes at the offset `at` as a list of bytes of length 1."""
     return [BYTES[number] for number in _slice(view, count, at)]
 
 
@@ -90,7 +90,7 @@ def joined_bytes(value: Any) -> bytes:
 
 
 def fixed_bytes(value: Any, count: int) -> bytes:
-    """Return `joined_bytes` of exactly `count` elements."""
+    """Return the joined elements of a list of exactly `count` bytes of length 1; raises `FieldValueError` otherwise."""
     joined = joined_bytes(value)
     if len(joined) != count:
         raise FieldValueError(f"expected exactly {count} elements, found {len(joined)}")
@@ -105,7 +105,7 @@ def as_list(value: Any) -> Any:
 
 
 def to_array(value: Any, code: str) -> array[Any]:
-    """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of that dtype is copied as a whole."""
+    """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of this type is copied at once."""
     kind = type(value)
     is_array = kind is not list and kind is not tuple and kind is np.ndarray
     if is_array and value.ndim == 1 and value.dtype is DTYPES[code]:

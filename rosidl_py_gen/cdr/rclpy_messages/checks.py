@@ -1,6 +1,6 @@
-"""Checks of rclpy's setters when ROS_PYTHON_CHECK_FIELDS is 1, with the same texts.
+"""Checks of values that are assigned to message fields, as in rclpy if ROS_PYTHON_CHECK_FIELDS is 1, with its texts.
 
-They differ from the checks of encoding: an int is not a float, a set may be a sequence.
+These checks differ from the checks of encoding: an int is not a float, a set may be a sequence.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ _NOUNS = {"f": "float", "d": "double"}
 
 
 def check(field: Field, value: Any) -> bool:
-    """Check a value before it is assigned; raises AssertionError with the text of rclpy.
+    """Check a value before it is assigned to a field; raise AssertionError with rclpy's text if the value is invalid.
 
-    Returns True if it is stored unchanged, because it is a scalar or an array of the right type.
+    Returns True if the value is to be stored unchanged, because it is a scalar or an array of the right type, and False
+    if it must be converted.
     """
     if field.type.arity is Arity.SCALAR:
         _check_scalar(field, value)
@@ -85,7 +86,10 @@ def _is_in_range(value: Any, code: str) -> bool:
 
 
 def _is_right_array(field: Field, value: Any) -> bool:
-    """Return True for an array of numbers of the right type and size; raises for one of another."""
+    """Return True for an array of numbers of the field's type and size, and False if the value is not an array.
+
+    Raises AssertionError for an array of another type or size.
+    """
     name, kind, code = field.py_name, field.type, _number_code(field.type)
     if not code:
         return False
@@ -106,7 +110,7 @@ def _is_right_array(field: Field, value: Any) -> bool:
 
 
 def _check_many(field: Field, value: Any) -> bool:
-    """Return False, as the value must be converted, if it is a valid collection."""
+    """Check a collection that is not an array; raise AssertionError if it is invalid, else return False: convert it."""
     kind, python, code = field.type, _python_type(field), _number_code(field.type)
     lengths = {Arity.ARRAY: f" with length {kind.capacity}", Arity.BOUNDED: f" with length <= {kind.capacity}"}
     text = f"The '{field.py_name}' field must be a set or sequence{lengths.get(kind.arity, '')} and each value of type "

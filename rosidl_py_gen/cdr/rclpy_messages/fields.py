@@ -1,4 +1,4 @@
-"""Fields of rclpy's messages: names, IDL types, slots, defaults, and conversion of assigned values."""
+"""Fields of messages that behave like rclpy's: names, IDL types, slots, defaults, and conversion of assigned values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 CHECK = os.environ.get("ROS_PYTHON_CHECK_FIELDS") == "1"
 _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
 _RESERVED = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
-"""Fields whose attribute with an underscore would hide a method of ours."""
+"""Names of fields whose attribute with an underscore would replace a method of our message classes."""
 
 IDL_NAMES = {
     "bool": "boolean",
@@ -33,7 +33,7 @@ IDL_NAMES = {
 
 
 def slot_name(name: str) -> str:
-    """Return the attribute that stores a field, by the field's Python name."""
+    """Return the attribute that stores a field in a message of rclpy's kind, by the field's Python name."""
     return f"_{name}_" if name in _RESERVED else f"_{name}"
 
 
@@ -56,7 +56,7 @@ def idl_text(kind: FieldType) -> str:
 
 
 class FieldSlot(NamedTuple):
-    """Field of a message class.
+    """Field of a message class of rclpy's kind, with its access functions.
 
     Attributes:
         get, put: descriptor functions of the slot, without conversion.
@@ -74,7 +74,7 @@ class FieldSlot(NamedTuple):
 
 
 def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
-    """Return the slot of a field; `default` is the default value in the definition, or None."""
+    """Return the access functions of a field; `default` is the default value in the definition, or None."""
     member = cls.__dict__[slot_name(field.py_name)]
     kind = field.type
     code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""
@@ -112,7 +112,7 @@ def _default(field: Field, default: Any, convert: Callable[[Any], Any] | None) -
 
 
 def property_of(slot: FieldSlot) -> property:
-    """Return the property that programs use."""
+    """Return the property through which programs read and assign a field, with rclpy's checks and conversion."""
     field, put, convert = slot.field, slot.put, slot.convert
 
     def assign(self: Any, value: Any) -> None:
@@ -132,7 +132,10 @@ def property_of(slot: FieldSlot) -> property:
 
 
 def to_plain(slot: FieldSlot, value: Any) -> Any:
-    """Return a value as in our own classes, with integers for bytes and lists for collections."""
+    """Return a field's value of rclpy's kind as in native classes: integers for bytes, lists for collections.
+
+    Raises `FieldValueError` for a wrong element of type byte.
+    """
     kind = slot.field.type
     if kind.base == "byte":
         if kind.arity is not Arity.SCALAR:
@@ -144,7 +147,10 @@ def to_plain(slot: FieldSlot, value: Any) -> Any:
 
 
 def from_plain(slot: FieldSlot, value: Any) -> Any:
-    """Return the inverse of `to_plain`; a value that does not fit stays unchanged and fails when it is encoded."""
+    """Return a field's value of native classes as rclpy's kind; a value that does not fit stays unchanged.
+
+    Such a value fails when the message is encoded.
+    """
     kind = slot.field.type
     if kind.base == "byte":
         if kind.arity is Arity.SCALAR:

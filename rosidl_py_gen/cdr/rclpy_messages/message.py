@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class RclpyMeta(type):
-    """Base of the metaclasses; each class has one of its own, as in rclpy."""
+    """Base of the metaclasses of message classes; each message class has its own metaclass, as in rclpy."""
 
     _TYPE_SUPPORT: ClassVar[Any] = None
 
@@ -40,16 +40,16 @@ class RclpyMeta(type):
 
     @classmethod
     def __import_type_support__(cls) -> None:
-        """Do nothing: there is no C library to load."""
+        """Do nothing: rclpy loads a C library here, which these classes do not need."""
 
 
 def metaclass(name: str, module: str) -> type[RclpyMeta]:
-    """Return the metaclass of the class `name`."""
+    """Return a new metaclass for the message class `name`."""
     return type(f"Metaclass_{name}", (RclpyMeta,), {"__module__": module})
 
 
 def _complete(cls: Any, namespace: dict[str, Any]) -> None:
-    """Add properties, defaults and read-only constants to a message class, by its table of fields."""
+    """Add properties, defaults and read-only constants to a message class, from its table of fields."""
     defaults = namespace["_DEFAULTS"]
     fields = cls._TYPE.fields
     cls._SLOTS = {field.py_name: field_slot(cls, field, defaults.get(field.ros_name)) for field in fields}
@@ -67,7 +67,7 @@ def _complete(cls: Any, namespace: dict[str, Any]) -> None:
 
 
 class _LazyClassAttribute:
-    """Class attribute that is computed when it is first used. Thread: any; threads may compute equal values."""
+    """Class attribute that is computed at its first use. Thread: any; threads may compute equal values."""
 
     def __init__(self, name: str, make: Any) -> None:
         self.name = name
@@ -108,7 +108,7 @@ def _slot_type(kind: FieldType, types: Any) -> Any:
 
 
 class RclpyMessage(Message):
-    """Base of every message of rclpy's kind. Fields are passed by name; assigned values are converted as rclpy does."""
+    """Base of message classes of rclpy's kind. Fields are passed by name; assigned values are converted as in rclpy."""
 
     __slots__ = ("_CHECK",)
     __hash__ = None
@@ -121,7 +121,7 @@ class RclpyMessage(Message):
     )
 
     def __init__(self, **kwargs: Any) -> None:
-        """Raise AssertionError for an unknown argument if fields are checked; ignore it otherwise."""
+        """Set fields from arguments; an unknown argument is ignored, or raises AssertionError if checked."""
         self._CHECK = checked = kwargs.get("check_fields", CHECK)
         if checked and (unknown := sorted(kwargs.keys() - self._SLOTS.keys() - {"check_fields"})):
             raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(unknown)}")
@@ -134,7 +134,7 @@ class RclpyMessage(Message):
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        """Return the fields and their IDL types, such as ``sequence<float, 3>``."""
+        """Return the names of the fields with their IDL types, such as ``sequence<float, 3>``."""
         return dict(cls._fields_and_field_types)
 
     @property
@@ -191,14 +191,14 @@ def _value_repr(one: FieldSlot, value: Any) -> str:
 
 
 class RclpyService(Service[Any, Any]):
-    """Base of every service of rclpy's kind."""
+    """Base of service classes of rclpy's kind."""
 
     def __init__(self) -> None:
         raise NotImplementedError("Service classes can not be instantiated")
 
 
 class RclpyAction(Action[Any, Any, Any]):
-    """Base of every action of rclpy's kind; `Impl` has its services and messages."""
+    """Base of action classes of rclpy's kind; the nested `Impl` has the action's services and messages."""
 
     def __init__(self) -> None:
         raise NotImplementedError("Action classes can not be instantiated")

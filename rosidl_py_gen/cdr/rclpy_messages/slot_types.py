@@ -1,4 +1,4 @@
-"""Classes of `rosidl_parser.definition` that the `SLOT_TYPES` of rclpy's messages consist of.
+"""Classes of the package `rosidl_parser.definition` that occur in the `SLOT_TYPES` of rclpy's message classes.
 
 Names, attributes, bases and equality are the same. Without the real package, the import hook provides this module under
 its name; the parser itself is not included.
@@ -12,31 +12,31 @@ from dataclasses import dataclass
 
 @dataclass(slots=True, repr=False)
 class AbstractType:
-    """Base of all types; two are equal if class and attributes are."""
+    """Base of all types of fields; two types are equal if their class and attributes are equal."""
 
 
 @dataclass(slots=True, repr=False)
 class AbstractNestableType(AbstractType):
-    """Type that may be an element of an array or sequence."""
+    """Base of types that may be elements of an array or sequence."""
 
 
 @dataclass(slots=True, repr=False)
 class BasicType(AbstractNestableType):
-    """Number, boolean, octet or character; `typename` is its name in IDL, such as ``double``."""
+    """Number, boolean, octet or character type; `typename` is its name in IDL, such as ``double``."""
 
     typename: str
 
 
 @dataclass(slots=True, repr=False)
 class NamedType(AbstractNestableType):
-    """Type known by its name alone."""
+    """Type that is known by its name alone, without package."""
 
     name: str
 
 
 @dataclass(slots=True, repr=False)
 class NamespacedType(AbstractNestableType):
-    """Message; `namespaces` are package and kind."""
+    """Message type; `namespaces` has its package and kind (``msg``)."""
 
     namespaces: Sequence[str]
     name: str
@@ -47,7 +47,7 @@ class NamespacedType(AbstractNestableType):
 
 @dataclass(slots=True, repr=False)
 class AbstractGenericString(AbstractNestableType):
-    """Base of all strings."""
+    """Base of all string types."""
 
     def has_maximum_size(self) -> bool:
         return _has_maximum_size(self)
@@ -55,7 +55,7 @@ class AbstractGenericString(AbstractNestableType):
 
 @dataclass(slots=True, repr=False)
 class AbstractString(AbstractGenericString):
-    """String of 8-bit characters."""
+    """Base of string types of 8-bit characters."""
 
 
 @dataclass(slots=True, repr=False)
@@ -69,7 +69,7 @@ class UnboundedString(AbstractString):
 
 @dataclass(slots=True, repr=False)
 class AbstractWString(AbstractGenericString):
-    """String of 16-bit characters."""
+    """Base of string types of 16-bit characters."""
 
 
 @dataclass(slots=True, repr=False)
@@ -83,7 +83,7 @@ class UnboundedWString(AbstractWString):
 
 @dataclass(slots=True, repr=False)
 class AbstractNestedType(AbstractType):
-    """Array or sequence of `value_type`."""
+    """Base of array and sequence types; `value_type` is the type of the elements."""
 
     value_type: AbstractNestableType
 
@@ -98,7 +98,7 @@ class Array(AbstractNestedType):
 
 @dataclass(slots=True, repr=False)
 class AbstractSequence(AbstractNestedType):
-    """Sequence, bounded or not."""
+    """Base of sequence types, bounded or not."""
 
 
 @dataclass(slots=True, repr=False)

@@ -1,4 +1,4 @@
-"""The decoder of a message as Python source.
+"""Generator of the decoder of a message as Python source.
 
 In generated code, ``raw`` is the data that scalars and strings are read from, ``view`` the data that array views refer
 to, and ``pos`` the offset of the next byte in the data: the plan's position plus the 4 bytes of the header. A position
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 
 class DecoderView(NamedTuple):
-    """The decoder for the template.
+    """Generated decoder of a message, as values for the module template.
 
     Attributes:
-        body: the statements.
-        uses_view: array views are taken, so ``view`` is needed in addition to ``raw``.
+        body: the statements of the decoder.
+        uses_view: the statements take array views, so the generated code needs ``view`` in addition to ``raw``.
         checks_header: the first run reads the encapsulation header as well.
-        bulk: there are numeric sequences, which may have megabytes, so a buffer that is not bytes is never copied.
-            ``raw`` may then be a memoryview, from which strings are read a little slower.
+        bulk: the message has numeric sequences, which may have megabytes, so a buffer that is not bytes is never
+            copied. ``raw`` may then be a memoryview, from which strings are read a little slower.
         structured_arrays: sequences and arrays of fixed-size messages become structured arrays if ``arrays`` is true.
     """
 
@@ -42,7 +42,7 @@ class DecoderView(NamedTuple):
 
 
 def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
-    """Return the decoder of a message; for an outlined message the body of `_read`."""
+    """Return the generated decoder of a planned message; its body is that of `_read` if the message is outlined."""
     first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
     with_header = not plan.outlined and isinstance(first, ir.PackedRun)
     bulk = not plan.outlined and any(isinstance(step, ir.NumberArray) for step in plan.steps)
@@ -55,12 +55,13 @@ def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes
 
 @dataclass(slots=True)
 class _DecoderEmitter:
-    """Emits the statements of one decoder.
+    """Emitter of the statements of one decoder.
 
     Attributes:
         header: the next run starts with the encapsulation header.
         is_after_string: the position is ``end + 1``, after the NUL of a string, and ``pos`` is not updated yet.
-        objects, counts: local variables of nested messages and elements by number, and of lengths.
+        objects: local variables of nested messages and elements, by object number.
+        counts: local variables of lengths, by field.
     """
 
     api: MessageApi
@@ -82,7 +83,7 @@ class _DecoderEmitter:
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
     def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
-        """Return the statements of some steps; with `keep_pos`, ``pos`` is the position after the last one."""
+        """Return the statements that decode layout steps; with `keep_pos`, ``pos`` ends after the last step."""
         out: list[str] = []
         reading = [not isinstance(step, ir.InlineMessage | ir.StringTerminator) for step in steps]
         last = max((index for index, is_reading in enumerate(reading) if is_reading), default=-1)
@@ -100,7 +101,7 @@ class _DecoderEmitter:
             out.append("pos = end + 1")
 
     def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
-        """Emit a step; `needed`: a later step uses ``pos``."""
+        """Append the statements that decode a step to `out`; `needed` is True if a later step uses ``pos``."""
         match step:
             case ir.InlineMessage():
                 self.create(step, out)
@@ -141,7 +142,7 @@ class _DecoderEmitter:
     # --- position -------------------------------------------------------------------------------------------------
 
     def align(self, align: int, count: str, out: list[str]) -> None:
-        """Align ``pos``; unless `count` is empty, only if it is not 0."""
+        """Emit the alignment of ``pos``, only for elements whose `count` is not 0 unless `count` is empty."""
         # `align_offset`; up to the size of the header the header does not matter.
         name, more = ("end", 1) if self.is_after_string else ("pos", 0)
         self.is_after_string = False
@@ -204,7 +205,7 @@ class _DecoderEmitter:
         return self.api.numbers(code, count, at, is_array=is_array)
 
     def count(self, ref: ir.Ref, kind: FieldType, out: list[str]) -> str:
-        """Return the number of elements, after the check of a bounded sequence."""
+        """Return the expression of the number of elements, and emit the check of the bound of a bounded sequence."""
         if kind.arity is Arity.ARRAY:
             return str(kind.capacity)
         if kind.arity is Arity.BOUNDED:
@@ -231,7 +232,7 @@ class _DecoderEmitter:
             self.move(at, str(step.item_size * int(count)) if count.isdigit() else size, out)
 
     def padded(self, step: ir.NumberArray | ir.Loop, count: str, out: list[str]) -> str:
-        """Skip the padding, which exists only before elements, and return the position of the first element."""
+        """Emit the padding, which exists only before elements, and return the position of the first element."""
         at = self.at(step.start)
         is_array = step.type.arity is Arity.ARRAY
         if step.align > 1:
@@ -319,5 +320,5 @@ class _DecoderEmitter:
 
 
 def _has_static_end(step: ir.NumberArray | ir.Loop) -> bool:
-    """Return True if the next step has a static position, so ``pos`` need not be updated."""
+    """Return True if the step after a number array or loop has a static position, so ``pos`` need not be updated."""
     return step.type.arity is Arity.ARRAY and step.start.static is not None

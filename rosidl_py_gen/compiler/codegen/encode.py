@@ -1,4 +1,4 @@
-"""The encoder of a message as Python source.
+"""Generator of the encoder of a message as Python source.
 
 A message without loops is one join of packed runs and contents. With loops, the segments are collected in a list. In
 generated code, ``pos`` is the position after the emitted segments, counted from the alignment origin; it is updated
@@ -25,14 +25,17 @@ Content = ir.StringContent | ir.NumberArray | ir.StringArray | ir.Loop
 
 
 class EncoderView(NamedTuple):
-    """The encoder for the template: statements, and the expression of the bytes unless the body collects them."""
+    """Generated encoder of a message for the module template: its statements, and the expression of the encoded bytes.
+
+    `result` is empty if the statements append the encoded segments to a list.
+    """
 
     body: str
     result: str
 
 
 def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
-    """Return the encoder of a message; for an outlined message the body of `_write`."""
+    """Return the generated encoder of a planned message; its body is that of `_write` if the message is outlined."""
     collect = plan.outlined or any(isinstance(step, ir.Loop | ir.NestedCall) for step in plan.steps)
     emitter = _EncoderEmitter(api, structs, classes, collect, header=not plan.outlined)
     emitter.objects[0] = "self"
@@ -53,7 +56,7 @@ def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes
 
 
 def _literal(data: bytes) -> str:
-    """Return the expression of a few bytes of layout: header, terminator or padding."""
+    """Return the bytes literal of a header, terminator or padding as Python source."""
     return 'b"' + "".join(f"\\{byte:o}" for byte in data) + '"'
 
 
@@ -74,12 +77,14 @@ def _reads_pos(step: ir.LayoutStep) -> bool:
 
 @dataclass(slots=True)
 class _EncoderEmitter:
-    """Emits the statements of one encoder.
+    """Emitter of the statements of one encoder.
 
     Attributes:
-        collect: segments are appended to a list; otherwise they are collected here and joined at the end.
+        collect: the generated code appends segments to a list; otherwise the emitter collects the segments'
+            expressions, and the generated code joins them at the end.
         header: the next run starts with the encapsulation header.
-        objects, values: local variables of nested messages and elements by number, and of converted contents.
+        objects: local variables of nested messages and elements, by object number.
+        values: local variables of converted contents, by field.
     """
 
     api: MessageApi
@@ -99,7 +104,7 @@ class _EncoderEmitter:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
     def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
-        """Return the statements of some steps; with `keep_pos`, ``pos`` is the position after the last one."""
+        """Return the statements that encode layout steps; with `keep_pos`, ``pos`` ends after the last step."""
         out: list[str] = []
         self.contents |= {step.ref: step for step in steps if isinstance(step, Content)}
         last = max((index for index, step in enumerate(steps) if _reads_pos(step)), default=-1)
@@ -108,7 +113,7 @@ class _EncoderEmitter:
         return out
 
     def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
-        """Emit a step; `needed`: a later step uses ``pos``."""
+        """Append the statements that encode a step to `out`; `needed` is True if a later step uses ``pos``."""
         match step:
             case ir.InlineMessage():
                 name = self.names.name(step.ref.name)
@@ -140,7 +145,7 @@ class _EncoderEmitter:
                 ir.assert_never(step)
 
     def load(self, name: str, cls: str, expression: str = "") -> list[str]:
-        """Return the code that checks the class of a nested message, after it was fetched by an expression."""
+        """Return the code that assigns an expression, if any, to a variable and checks the nested message's class."""
         coerce, cls = self.api.support("coerce_message"), self.classes[cls]
         fetch = [f"{name} = {expression}"] if expression else []
         return [*fetch, *block(f"if type({name}) is not {cls}", [f"{name} = {coerce}({name}, {cls})"])]
@@ -157,7 +162,7 @@ class _EncoderEmitter:
     # --- position -------------------------------------------------------------------------------------------------
 
     def move(self, start: ir.AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
-        """Add a distance to ``pos``; where ``pos`` is not up to date, `start` is static."""
+        """Emit the addition of a distance to ``pos`` if `needed`; if ``pos`` is not up to date, `start` is static."""
         if not needed or (start.static is not None and distance.isdigit()):  # the next step has a static position
             return
         if start.static is not None:
@@ -168,7 +173,7 @@ class _EncoderEmitter:
             self.set_pos(f"{self.pos} + {distance}", out)
 
     def set_pos(self, expression: str, out: list[str]) -> None:
-        """Assign ``pos``; where segments are joined at the end, each position gets its own variable."""
+        """Emit an assignment to ``pos``; if segments are joined at the end, each position gets its own variable."""
         if not self.collect:
             self.moves += 1
             self.pos = "pos" if self.moves == 1 else self.names.name(f"pos{self.moves}")
@@ -213,7 +218,10 @@ class _EncoderEmitter:
             self.move(run.start, str(run.size + run.nul), needed, out)
 
     def prepare(self, step: Content, out: list[str]) -> str:
-        """Fetch and convert a content before the run that has its count, and return the expression of the count."""
+        """Emit the code that fetches and converts a string or sequence, and return the expression of its length field.
+
+        The length is packed in the run before the content, so the content is converted before that run.
+        """
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
         if isinstance(step, ir.StringContent):
@@ -236,7 +244,7 @@ class _EncoderEmitter:
         return f"len({name})"
 
     def fetch(self, step: ir.NumberArray | ir.StringArray | ir.Loop, out: list[str]) -> str:
-        """Return the variable of a content; a fixed array has no count, so it is prepared here."""
+        """Return the variable of a converted content; a fixed array, which has no length field, is converted here."""
         if step.ref not in self.values:
             count = self.prepare(step, out)
             out += check("!=", self.api.support("check_length"), count, step.type.capacity)
@@ -301,7 +309,7 @@ class _EncoderEmitter:
         out += block("else", messages)
 
     def known_pos(self, step: ir.Loop, needed: bool) -> str:
-        """Return the position of the elements, or a number of the same alignment where ``pos`` is not updated."""
+        """Return the position of the elements, or a number of the same alignment if ``pos`` is not updated."""
         if step.start.static is not None:
             return str(step.start.static)
         return self.pos if needed or _reads_pos(step) else str(step.start.remainder)

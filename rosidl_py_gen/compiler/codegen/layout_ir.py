@@ -1,4 +1,4 @@
-"""The layout plan of a message: steps in wire order, and what is known of the alignment.
+"""Layout plan of a message: steps in wire order, and what is known of the alignment.
 
 The planner builds the plan, encoder and decoder emit code from it. Objects (the message itself, nested messages, loop
 elements) are numbered; a `Ref` is an attribute of one of them. Object 0 is the message.
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Ref(NamedTuple):
-    """The attribute `name` of object `owner`; `path` is its spelling for users."""
+    """Attribute `name` of the message object with the number `owner`; `path` is the field path in error messages."""
 
     owner: int
     name: str
@@ -22,7 +22,7 @@ class Ref(NamedTuple):
 
 
 class Scalar(NamedTuple):
-    """A primitive inside a run."""
+    """Primitive value inside a packed run."""
 
     ref: Ref
     code: str
@@ -30,7 +30,7 @@ class Scalar(NamedTuple):
 
 
 class FixedNumberArray(NamedTuple):
-    """A fixed numeric array inside a run: packed as bytes, read as a view at `offset` of the run."""
+    """Fixed numeric array inside a packed run: packed as bytes, decoded as a view at `offset` of the run."""
 
     ref: Ref
     code: str
@@ -39,14 +39,14 @@ class FixedNumberArray(NamedTuple):
 
 
 class LengthPrefix(NamedTuple):
-    """The uint32 before a string or sequence; `ref` is the field whose content follows the run."""
+    """Length (uint32) before a string or sequence; `ref` is the field whose content follows the run."""
 
     ref: Ref
     offset: int
 
 
 class EmptyMessageByte(NamedTuple):
-    """The one byte of an empty message."""
+    """The single byte that CDR writes for a message without fields."""
 
     offset: int
 
@@ -68,7 +68,7 @@ class AlignmentState(NamedTuple):
 
 
 class InlineMessage(NamedTuple):
-    """Start of a nested message that is emitted inline as object `number`; `empty`: it has no fields."""
+    """Start of a nested message that is encoded inline as object `number`; `empty` means that it has no fields."""
 
     ref: Ref
     type: str
@@ -99,7 +99,7 @@ class PackedRun(NamedTuple):
 
 
 class StringContent(NamedTuple):
-    """The characters of a string. The preceding run has the length, the next run or a `StringTerminator` the NUL."""
+    """Characters of a string. The preceding run has the length, the next run or a `StringTerminator` the NUL."""
 
     ref: Ref
     type: FieldType
@@ -107,16 +107,16 @@ class StringContent(NamedTuple):
 
 
 class StringTerminator(NamedTuple):
-    """The terminator of a string that no run follows."""
+    """NUL of a string after which no packed run follows."""
 
     start: AlignmentState
 
 
 class NumberArray(NamedTuple):
-    """The elements of a numeric sequence, or of a fixed array too large for a run.
+    """Elements of a numeric sequence, or of a fixed array too large for a run.
 
     Attributes:
-        pad: known padding, which exists only before elements.
+        pad: padding in bytes if known; it exists only before elements.
         align: alignment of the elements if the padding is not known, else 1.
     """
 
@@ -130,7 +130,7 @@ class NumberArray(NamedTuple):
 
 
 class StringArray(NamedTuple):
-    """The elements of a sequence or array of strings; `pad` and `align` as in `NumberArray`."""
+    """Elements of a sequence or array of strings; `pad` and `align` are as in `NumberArray`."""
 
     ref: Ref
     type: FieldType
@@ -140,7 +140,7 @@ class StringArray(NamedTuple):
 
 
 class LoopMode(Enum):
-    """Code for the elements of a sequence of messages."""
+    """Kinds of generated code for the elements of a sequence of messages."""
 
     PACKED = "packed"  # every element is the same run at a fixed stride
     INLINE = "inline"  # the element's steps are emitted in the loop
@@ -148,7 +148,7 @@ class LoopMode(Enum):
 
 
 class Loop(NamedTuple):
-    """The elements of a sequence or array of messages; `number` is the element as an object.
+    """Elements of a sequence or array of messages; `number` is the object number of the current element.
 
     Attributes:
         body: steps of one element; for PACKED only `InlineMessage` and one `PackedRun`.
@@ -156,7 +156,7 @@ class Loop(NamedTuple):
         min_size: minimum bytes of an element, by which a count is checked.
         pad, align: as in `NumberArray` if PACKED, else 0 and 1.
         fixed: elements are of fixed size, so a structured array can replace the list.
-        structured_arrays: an element contains such sequences or arrays.
+        structured_arrays: an element contains sequences or arrays of fixed-size messages.
     """
 
     ref: Ref
@@ -174,7 +174,11 @@ class Loop(NamedTuple):
 
 
 class NestedCall(NamedTuple):
-    """A nested message that is too large to emit inline: its class is called; `structured_arrays` as in `Loop`."""
+    """Nested message that is too large to emit inline: the generated code calls the codec of its class.
+
+    Attributes:
+        structured_arrays: the message contains sequences or arrays of fixed-size messages.
+    """
 
     ref: Ref
     type: str
@@ -205,5 +209,5 @@ class LayoutPlan(NamedTuple):
 
 
 def assert_never(value: NoReturn) -> NoReturn:
-    """Close a `match` over steps or items; `typing.assert_never` requires Python 3.11."""
+    """Raise `AssertionError` for a step or item that a `match` has no case for (Python 3.10 has no `assert_never`)."""
     raise AssertionError(f"unexpected {value!r}")

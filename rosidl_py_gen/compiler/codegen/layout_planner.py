@@ -1,4 +1,4 @@
-"""Plan the wire layout of a message, and decide how code is generated for it: inline or by call.
+"""Planner of the wire layout of a message, which decides how code is generated for nested messages: inline or by call.
 
 The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
 and never count bytes. The size of generated code is proportional to the leaves: the fields of a message after nested
@@ -35,13 +35,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import MessageDef
 
 MAX_INLINE_FIELDS = 48
-"""Maximum leaves of a nested message that is emitted inline. It bounds the generated code to a multiple of the
-definition; every common message (Odometry has 22 leaves, Marker 43) stays flat."""
+"""Maximum leaves (flattened fields) of a nested message that is emitted inline. The maximum bounds the generated code
+to a multiple of the definition; every common message (Odometry has 22 leaves, Marker 43) is emitted inline."""
 MAX_INLINE_DEPTH = 12
 MAX_INLINE_LOOPS = 5
 """Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
 BLOCK_BYTES = 1024
-"""Maximum bytes of a fixed array in a run; a larger array is joined instead of copied through a struct."""
+"""Maximum bytes of a fixed array in a packed run; the encoder joins a larger array instead of copying it through a
+struct."""
 _CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
 _RCLPY_CODES = {**_CODES, "byte": "c"}
 """Struct codes by primitive for rclpy's API, in which a byte is bytes of length 1."""
@@ -50,7 +51,7 @@ _Result = TypeVar("_Result")
 
 
 def _cached_per_name(method: Callable[[LayoutPlanner, str], _Result]) -> Callable[[LayoutPlanner, str], _Result]:
-    """Cache the result of a method for each message name."""
+    """Return the method with a cache of its results by message name."""
 
     @wraps(method)
     def cached(self: LayoutPlanner, name: str) -> _Result:
@@ -64,10 +65,11 @@ def _cached_per_name(method: Callable[[LayoutPlanner, str], _Result]) -> Callabl
 
 
 class LayoutPlanner:
-    """Layout plans, and the properties by which code is generated, by message name.
+    """Layout plans of messages by name, and the properties that decide how code is generated for them.
 
     Args:
-        rclpy: plan for classes in which `byte` is bytes of length 1.
+        lookup: returns the definition of a message by full name, or None.
+        rclpy: plan for classes of rclpy's API, in which `byte` is bytes of length 1.
     """
 
     def __init__(self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False) -> None:
@@ -76,19 +78,19 @@ class LayoutPlanner:
         self.results: dict[str, dict[str, Any]] = {}
 
     def message(self, name: str) -> MessageDef:
-        """Return the definition of a message that exists."""
+        """Return the definition of a message, which must exist."""
         message = self._lookup(name)
         assert message is not None, name  # references were checked before
         return message
 
     def is_outlined(self, name: str) -> bool:
-        """Return True if the codec of the message is called where other messages contain it."""
+        """Return True if messages that contain this message call its codec instead of having its code inline."""
         levels, loops = self.nesting_depth(name)
         return self.inline_size(name) > MAX_INLINE_FIELDS or levels > MAX_INLINE_DEPTH or loops > MAX_INLINE_LOOPS
 
     @_cached_per_name
     def nesting_depth(self, name: str) -> tuple[int, int]:
-        """Return the levels of nested messages, and of loops over them, that are emitted inline in a message."""
+        """Return the depth of nested messages in a message's generated code, and the depth of loops over messages."""
         levels = loops = 0
         for item in self.message(name).fields:
             if item.type.is_message:
@@ -99,7 +101,7 @@ class LayoutPlanner:
 
     @_cached_per_name
     def inline_size(self, name: str) -> int:
-        """Return the leaves of a message after flattening; a nested message that is called counts as one."""
+        """Return the number of leaves of a message after flattening; a nested message that is called counts as one."""
         total = 0
         for item in self.message(name).fields:
             is_inline = item.type.is_message and not self.is_outlined(item.type.base)
@@ -108,7 +110,7 @@ class LayoutPlanner:
 
     @_cached_per_name
     def is_fixed(self, name: str) -> bool:
-        """Return True if every message of the type has the same shape."""
+        """Return True if all messages of a type have the same encoded size."""
         return all(
             has_fixed_size(item.type) and (not item.type.is_message or self.is_fixed(item.type.base))
             for item in self.message(name).fields
@@ -126,7 +128,7 @@ class LayoutPlanner:
 
     @_cached_per_name
     def plan(self, name: str) -> ir.LayoutPlan:
-        """Return the plan of a message whose references all exist."""
+        """Return the layout plan of a message; all types that it refers to must exist."""
         is_outlined = self.is_outlined(name)
         # An outlined message is called at any position, so nothing is known of its start; others start at offset 0.
         builder = _PlanBuilder(
@@ -138,7 +140,7 @@ class LayoutPlanner:
 
     @_cached_per_name
     def min_size(self, name: str) -> int:
-        """Return the minimum bytes of a message without padding."""
+        """Return a lower bound of the encoded size of a message in bytes, without padding."""
         total = 0
         for kind in (item.type for item in self.message(name).fields):
             if has_count(kind):
@@ -151,7 +153,7 @@ class LayoutPlanner:
 
 @dataclass(slots=True)
 class _OpenRun:
-    """Run of fixed-size values to which more can be added."""
+    """Unfinished packed run to which the planner appends fixed-size values."""
 
     start: ir.AlignmentState
     nul: bool
@@ -174,7 +176,7 @@ def _struct_code(codes: list[tuple[str, int]]) -> str:
 
 
 class _PlanBuilder:
-    """Emits steps for the fields of a message, in one pass; `now` is what is known of the position."""
+    """Builder of the steps for the fields of a message, in one pass; `now` is the known alignment of the position."""
 
     def __init__(self, planner: LayoutPlanner, start: ir.AlignmentState, first_object: int = 1) -> None:
         self.planner = planner
@@ -193,17 +195,17 @@ class _PlanBuilder:
         self.now = ir.AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
 
     def _known_padding(self, align: int) -> int | None:
-        """Return the padding up to `align`; None if it is not known."""
+        """Return the padding in bytes from the current position up to `align`; None if it depends on the message."""
         return -self.now.remainder % align if self.now.modulus % align == 0 else None
 
     def _lose_offset(self, modulus: int) -> None:
-        """Record content of variable size that ends at a multiple of `modulus`."""
+        """Record that the position is only known to be a multiple of `modulus`, after content of variable size."""
         self.now = ir.AlignmentState(None, modulus, 0)
 
     # --- runs -----------------------------------------------------------------------------------------------------
 
     def _append_to_run(self, align: int, size: int, code: str, count: int, read: str = "") -> int:
-        """Append a value to the current run, or to a new run if its padding is not known, and return its offset."""
+        """Append a value to the current run, or to a new run if its padding is unknown; return the value's offset."""
         gap = self._known_padding(align)
         # A run is one struct, whose padding is a constant: it cannot go on where the padding depends on the message.
         if gap is None and self.run is not None:
@@ -236,7 +238,7 @@ class _PlanBuilder:
             self.steps.append(ir.PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
     def close(self) -> None:
-        """Finish the current run and a pending terminator."""
+        """Finish the current packed run, and add the terminator of a string that has none yet."""
         self.end_run()
         if self.nul:
             self.nul = False
@@ -327,7 +329,7 @@ class _PlanBuilder:
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 
     def _loop(self, ref: ir.Ref, kind: FieldType) -> None:
-        """Append the loop over messages."""
+        """Append the loop over the elements of a sequence or array of messages."""
         number = self._new_object()
         loop = self._packed_loop(ref, kind, number)
         if loop is None and self.planner.is_outlined(kind.base):
@@ -370,7 +372,7 @@ class _PlanBuilder:
         return inner
 
     def _packed_loop(self, ref: ir.Ref, kind: FieldType, number: int) -> ir.Loop | None:
-        """Return the loop over elements of one stride; None if the elements have none."""
+        """Return a loop that packs elements of equal stride with one struct; None if the stride varies."""
         if not self.planner.is_fixed(kind.base) or self.planner.is_outlined(kind.base):
             return None
         # Candidates for the entry state: the current state, then the alignment of the first primitive after explicit
@@ -407,7 +409,7 @@ class _PlanBuilder:
 
 
 def _common_alignment(left: ir.AlignmentState, right: ir.AlignmentState) -> ir.AlignmentState:
-    """Return what is known if either of two states is true."""
+    """Return the alignment that is true in both of two alignment states."""
     modulus = min(left.modulus, right.modulus)
     while modulus > 1 and left.remainder % modulus != right.remainder % modulus:
         modulus //= 2

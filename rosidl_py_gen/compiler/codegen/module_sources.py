@@ -1,4 +1,4 @@
-"""From checked definitions to Python source: layout plan, encoder and decoder, and the jinja2 templates.
+"""Python source of generated packages, rendered from checked definitions by the jinja2 templates.
 
 A wheel has the templates as jinja2 compiled them (`hatch_build.py`) and their texts, in case the installed jinja2
 cannot use the compiled ones; a checkout has the texts.
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def environment_of_texts() -> Environment:
-    """Return a jinja2 environment with the texts of the templates and their filters."""
+    """Return a jinja2 environment that loads the template texts (not the compiled ones) and has their filters."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
@@ -61,12 +61,12 @@ def _environment() -> Environment:
 
 
 def preload() -> None:
-    """Import jinja2 and load the template of modules, to save time when the first module is rendered."""
+    """Import jinja2 and load the module template, to save time when the first module is rendered."""
     _environment().get_template("module.py.jinja")
 
 
 def render(template: str, **values: object) -> str:
-    """Return the text of a template for some values."""
+    """Return the rendered text of a named template with the values as its variables."""
     return _environment().get_template(template).render(values)
 
 
@@ -87,7 +87,11 @@ def package_sources(
     target: Target,
     progress: Callable[[RosName], object] = lambda name: None,
 ) -> dict[str, str]:
-    """Return the files of the packages of valid interfaces: relative path -> text, in path order."""
+    """Return the source files of the packages of valid interfaces, as a dictionary from relative path to text.
+
+    Args:
+        progress: called with the name of each interface before its module is rendered.
+    """
     planner = LayoutPlanner(registry.message)
     files: dict[str, str] = {}
     exports: dict[tuple[str, str], list[tuple[str, str]]] = {}

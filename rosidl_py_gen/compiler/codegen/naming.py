@@ -23,17 +23,17 @@ _METHOD_NAMES = {
     *support.NUMPY_NAMES,
     *(name for name in vars(rclpy_arrays) if "_" in name.strip("_")),
 }
-"""Globals, parameters and fixed variables of method bodies, which other local variables must not hide."""
+"""Names of globals, parameters and fixed variables in generated methods, which other local variables must not hide."""
 _MAX_LOCAL_NAME = 28
-"""Maximum characters of a local name; longer names only make longer lines."""
+"""Maximum characters of a local name in generated code, which only limits the length of lines."""
 
 
 @dataclass(slots=True)
 class Imports:
-    """The imports of a module, with the alias of each name.
+    """Import statements of a generated module, with the alias of each name.
 
     Attributes:
-        classes: names of the module's own classes.
+        classes: names of the classes that the generated module defines.
         members: names of their fields and constants, which hide module names inside a class body but not in methods.
     """
 
@@ -61,7 +61,7 @@ class Imports:
         return alias
 
     def builtin(self, name: str) -> str:
-        """Return the name of a builtin, or of an alias if a field or class has that name."""
+        """Return the name of a builtin in generated code; an alias if a field or class has the builtin's name."""
         return name if name not in self.members and name not in self.classes else self.use("builtins", name)
 
     @staticmethod
@@ -73,7 +73,7 @@ class Imports:
         yield from (f"_{name}_{number}" for number in count(2))
 
     def lines(self, *, for_typing: bool = False) -> list[str]:
-        """Return the sorted import statements."""
+        """Return the sorted import statements; with `for_typing`, the imports for type checkers only."""
         result = []
         for module, names in sorted((self.typing if for_typing else self.runtime).items()):
             if "" in names:
@@ -93,14 +93,14 @@ def sort_key(word: str) -> tuple[int, list[tuple[int, str]], str]:
 
 
 class Locals:
-    """Local variable names of one method."""
+    """Local variable names in use in one generated method."""
 
     def __init__(self) -> None:
         self._used = set(_METHOD_NAMES)
         self._numbers: dict[str, int] = {}  # the next number of each name: names that are cut are often the same
 
     def name(self, wanted: str) -> str:
-        """Return the name `wanted` if it is free, else with an underscore or a number added."""
+        """Return a free local variable name: `wanted`, or `wanted` with an underscore or number added."""
         wanted = wanted[:_MAX_LOCAL_NAME].rstrip("_") or "value"
         candidate = wanted
         number = self._numbers.get(wanted, 2)
@@ -113,5 +113,5 @@ class Locals:
 
 
 def singular(name: str) -> str:
-    """Return the name of an element of a field: poses -> pose, data -> data_item."""
+    """Return a variable name for one element of the field `name`: poses -> pose, data -> data_item."""
     return name[:-1] if len(name) > 2 and name.endswith("s") and not name.endswith("ss") else name + "_item"

@@ -1,4 +1,4 @@
-"""The output folder of the generator.
+"""Changes of the generator's output folder.
 
 Only changed files are written, each through a temporary file, so an interrupted run leaves complete files. Generated
 files without a definition are removed. Files without the header of generated files are never changed.
@@ -19,7 +19,7 @@ from rosidl_py_gen.errors import OutputError
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Changes of a run, as sorted paths relative to the output folder."""
+    """File changes of a generator run, as sorted paths relative to the output folder."""
 
     written: tuple[str, ...]
     removed: tuple[str, ...]
@@ -27,7 +27,14 @@ class Changes:
 
 
 def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Changes:
-    """Compare a folder, which may be missing, with its files; raises `OutputError` for files of another origin."""
+    """Return which of the generated `files` (path -> text) differ from the output folder, which may be missing.
+
+    Args:
+        removed: generated files to remove.
+
+    Raises:
+        OutputError: the folder has files at these paths that the generator did not write.
+    """
     written: list[str] = []
     foreign: list[str] = []
     for name, text in files.items():
@@ -51,7 +58,7 @@ def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Cha
 
 
 def apply_changes(folder: Path, files: dict[str, str], changes: Changes) -> None:
-    """Write and remove the files of `plan_changes`; raises `OutputError`."""
+    """Write and remove the files that `plan_changes` returned; raises `OutputError` if a file cannot be written."""
     try:
         for name in changes.written:
             _write(folder / name, files[name])
@@ -81,7 +88,11 @@ def _write(path: Path, text: str) -> None:
 
 
 def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
-    """Return the relative paths of the generated files in some packages, innermost first; raises `OutputError`."""
+    """Return the relative paths of generated files in packages of the folder, with each package's own files last.
+
+    Raises:
+        OutputError: a folder or file cannot be read.
+    """
     found: list[str] = []
     try:
         for package in packages:
@@ -95,7 +106,7 @@ def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
 
 
 def generated_packages(folder: Path) -> list[str]:
-    """Return the packages in a folder whose ``__init__.py`` is generated."""
+    """Return the names of the packages in an output folder whose ``__init__.py`` the generator wrote."""
     if not os.path.isdir(folder):
         return []
     return [name for name in sorted(os.listdir(folder)) if is_generated(folder / name / "__init__.py")]

@@ -28,7 +28,7 @@ def py_literal(value: bool | int | float | str) -> str:
 
 
 def py_string(text: str) -> str:
-    """Return a string literal; in double quotes unless that needs more escapes, with unprintable characters escaped."""
+    """Return text as a Python string literal: double quotes unless they need more escapes, unprintables escaped."""
     quote = "'" if text.count('"') > text.count("'") else '"'
     if text.isascii() and text.isprintable():
         return quote + text.replace("\\", "\\\\").replace(quote, "\\" + quote) + quote
@@ -68,12 +68,12 @@ def docstring(lines: Iterable[str], indent: str) -> str:
 
 
 def visible(lines: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the lines, or none if a docstring of them would be empty."""
+    """Return the docstring lines, or an empty tuple if a docstring of them would be empty."""
     return lines if any(_doc_line(line) for line in lines) else ()
 
 
 def _doc_line(line: str) -> str:
-    """Return a line that cannot end the docstring, start an escape, or hide characters."""
+    """Return a docstring line that cannot end the docstring, start an escape, or hide characters."""
     line = line.expandtabs(4).rstrip().replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
     if not line.isprintable():
         line = "".join(char if char.isprintable() else " " for char in line).rstrip()

@@ -19,7 +19,7 @@ _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 
 class MemberView(NamedTuple):
-    """A field or constant for the template.
+    """Field or constant of a generated class, as values for the module template.
 
     Attributes:
         annotation: type of the attribute.
@@ -39,7 +39,7 @@ class MemberView(NamedTuple):
 def field_view(
     item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool]
 ) -> MemberView:
-    """Return the view of a field."""
+    """Return the template values of a field."""
     kind = item.type
     name = py_name(item.name)
     # A field may have the name of a method of the base class, and then hides the method.
@@ -54,7 +54,7 @@ def field_view(
 
 
 def constant_view(item: ConstantDef, imports: Imports, rclpy: bool = False) -> MemberView:
-    """Return the view of a constant; with `rclpy`, a byte is bytes of length 1."""
+    """Return the template values of a constant; with `rclpy`, a byte is bytes of length 1."""
     primitive = item.type.primitive
     is_bytes = rclpy and item.type.base == "byte"
     python = imports.builtin("bytes" if is_bytes else primitive.python if primitive else "str")
@@ -69,7 +69,7 @@ def _byte(value: object) -> str:
 
 
 def rclpy_defaults(fields: tuple[FieldDef, ...]) -> str:
-    """Return the default values as items of a dictionary by ROS name, with lists for arrays."""
+    """Return source text of the default values for rclpy's API: dictionary items by ROS name, with lists for arrays."""
     items = []
     for item in fields:
         spell = _byte if item.type.base == "byte" else py_literal

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.codegen.naming import Imports
 
 _NUMPY = {one.code: one.numpy.rstrip("_") for one in PRIMITIVES.values()}
-"""Names of numpy types, which are parts of the names of functions and dtypes of `cdr.support`, by struct code."""
+"""Names of numpy types by struct code. The names are also parts of the names of functions and dtypes in `cdr.support`.
+"""
 
 
 def block(head: str, body: Iterable[str]) -> list[str]:
@@ -31,12 +32,12 @@ def block(head: str, body: Iterable[str]) -> list[str]:
 
 
 def check(condition: str, function: str, number: str, expected: int) -> list[str]:
-    """Return the statement that calls a function, which raises, if a condition is true for a number."""
+    """Return an ``if`` statement that calls a function, which raises, if ``number condition expected`` is true."""
     return block(f"if {number} {condition} {expected}", [f"{function}({number}, {expected})"])
 
 
 def read_string(target: str, start: str, end: str, any_buffer: bool) -> list[str]:
-    """Return the code that reads a string up to its NUL, whose offset it leaves in ``end``.
+    """Return the code that reads a string up to its NUL and assigns the offset of the NUL to ``end``.
 
     With `any_buffer`, ``raw`` may be a memoryview, which has no `decode`.
     """
@@ -50,7 +51,7 @@ def read_string(target: str, start: str, end: str, any_buffer: bool) -> list[str
 
 @dataclass(slots=True)
 class Structs:
-    """The precompiled struct functions of a module, each once."""
+    """Precompiled struct functions of a generated module, each of them once."""
 
     entries: dict[tuple[str, str, int, bool], str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
@@ -76,7 +77,7 @@ class Structs:
 
 
 def plus(expression: str, number: int) -> str:
-    """Return ``expression + number``, as one number if the expression is a number."""
+    """Return the source text ``expression + number``, or the sum if the expression is a number."""
     if number == 0:
         return expression
     return str(int(expression) + number) if expression.isdigit() else f"{expression} + {number}"
@@ -89,38 +90,38 @@ class MessageApi:
         self.imports = imports
 
     def support(self, name: str, module: str = "rosidl_py_gen.cdr.support") -> str:
-        """Import a function of `cdr.support` and return its name in the module."""
+        """Import a function of `cdr.support` into the generated module and return its alias there."""
         return self.imports.use(module, name, in_class=False)
 
     def attribute(self, name: str) -> str:
-        """Return the attribute that stores the field of a Python name."""
+        """Return the attribute of a message object that stores the field with this Python name."""
         return name
 
     def fixed(self, code: str) -> str:
-        """Return the function that makes bytes of a small fixed array."""
+        """Return the name of the function that converts a small fixed array of a struct code to bytes."""
         return self.support(f"fixed_{_NUMPY[code]}s")
 
     def sequence(self, code: str, *, is_array: bool) -> str:
-        """Return the function that makes a buffer of a sequence, or of a large fixed array."""
+        """Return the name of the function that converts a sequence, or a large fixed array, to a buffer."""
         return self.support(f"{_NUMPY[code]}s")
 
     def listed(self, expression: str) -> str:
-        """Return the expression of strings or messages as a list that can be encoded."""
+        """Return the source text that converts a sequence of strings or messages to a list that can be encoded."""
         return expression
 
     def numbers(self, code: str, count: str, at: str, *, is_array: bool) -> str:
-        """Return the expression of the numbers at an offset of ``view``."""
+        """Return the source text that reads `count` numbers at offset `at` of ``view``."""
         if code == "?":
             return f"{self.support('view_of_bools')}(view, {count}, {at})"
         return f"{self.support('frombuffer')}(view, {self.support(_NUMPY[code].upper())}, {count}, {at})"
 
     def is_array(self, value: str) -> str:
-        """Return the test whether messages are a structured array."""
+        """Return the source text of the test that a sequence of messages is a structured array."""
         return f"type({value}) is {self.support('ndarray')}"
 
 
 class RclpyMessageApi(MessageApi):
-    """Expressions for classes of rclpy's API."""
+    """Source expressions for generated classes of rclpy's API."""
 
     def array_function(self, name: str) -> str:
         return self.support(name, "rosidl_py_gen.cdr.rclpy_messages.arrays")

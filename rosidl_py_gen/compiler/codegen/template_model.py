@@ -1,4 +1,4 @@
-"""Contents of a generated module as values for the template."""
+"""Contents of a generated module, as values for the module template."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _COMMON_ACTION_TYPES = (
 
 
 class Target(NamedTuple):
-    """Import paths of generated modules, and the classes that exist already.
+    """Import paths of generated modules, and lookups of existing classes and of hashes.
 
     Attributes:
         root: prefix of the generated packages' import paths; empty, or ending in a dot.
@@ -55,26 +55,26 @@ class Target(NamedTuple):
     hashes: Callable[[str], str]
 
     def module(self, full_name: str) -> str:
-        """Return the module that defines the class of a message."""
+        """Return the import path of the module that defines the class of a message."""
         return self.known(full_name) or self.root + module_path(full_name)
 
 
 def module_path(full_name: str) -> str:
-    """Return the module of an interface: ``std_msgs/msg/Header`` -> ``std_msgs.msg._header``."""
+    """Return the module path of an interface without the root: ``std_msgs/msg/Header`` -> ``std_msgs.msg._header``."""
     package, kind, name = full_name.split("/")
     return f"{package}.{kind}.{module_name(name)}"
 
 
 def module_name(interface: str) -> str:
-    """Return the file stem of an interface's module; private, because users import the class from the package."""
+    """Return the file stem of an interface's module, which is private: users import the class from the package."""
     return "_" + snake_case(interface)
 
 
 class MessageView(NamedTuple):
-    """A message class.
+    """Message class as values for the module template.
 
     Attributes:
-        name: names in the class of what the template mentions.
+        name: names in the class of the imports that the template mentions.
         slots, defaults: only for rclpy's API.
     """
 
@@ -94,7 +94,7 @@ class MessageView(NamedTuple):
 
 
 class GroupView(NamedTuple):
-    """A service or action class with its message classes as attributes; `impl`: the attributes of rclpy's `Impl`."""
+    """Service or action class as values for the module template; `impl` has the attributes of rclpy's `Impl`."""
 
     cls: str
     base: str
@@ -108,7 +108,7 @@ class GroupView(NamedTuple):
 
 
 class ModuleView(NamedTuple):
-    """A generated module."""
+    """Generated module as values for the module template."""
 
     ros_name: str
     type_checking: str
@@ -132,7 +132,7 @@ def exported_names(interface: Interface) -> tuple[str, ...]:
 
 
 def module_view(interface: Interface, planner: LayoutPlanner, target: Target) -> ModuleView:
-    """Return the view of an interface's module."""
+    """Return an interface's module as values for the module template."""
     messages = messages_of(interface)
     own = {str(message.name): py_name(message.name.name) for message in messages}
     fields = {py_name(item.name) for message in messages for item in message.fields}
@@ -159,7 +159,7 @@ def module_view(interface: Interface, planner: LayoutPlanner, target: Target) ->
 
 
 def _nested(messages: Iterable[MessageDef], planner: LayoutPlanner) -> set[str]:
-    """Return the message types that the module's code mentions: of its fields, and of messages emitted inline."""
+    """Return the message types that a module's code mentions: types of its fields, and of messages emitted inline."""
     found = {item.type.base for message in messages for item in message.fields if item.type.is_message}
     in_line: set[str] = set()
     pending = [str(message.name) for message in messages]
@@ -210,7 +210,7 @@ def _message(
 
 
 def _constructor(fields: tuple[MemberView, ...]) -> tuple[str, ...]:
-    """Return the parameters of ``__init__`` for type checkers; empty if the dataclass's own are the same."""
+    """Return the parameters of ``__init__`` for type checkers; empty if the dataclass generates the same signature."""
     if all(item.accepted == item.annotation for item in fields):
         return ()
     this = "self" if all(item.name != "self" for item in fields) else "__self"
@@ -236,7 +236,7 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
 
 
 def _class_scope_names(imports: Imports, message: MessageDef, planner: LayoutPlanner) -> dict[str, str]:
-    """Import what the template mentions inside a class, and return the names in the class."""
+    """Import the names that the template mentions inside a class, and return their aliases by name."""
     is_outlined = planner.is_outlined(str(message.name))
     names = {word: imports.use("typing", word) for word in ("ClassVar", "TYPE_CHECKING")}
     names["TypeInfo"] = imports.use(_CDR, "TypeInfo")

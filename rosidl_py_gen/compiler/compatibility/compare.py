@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class ChangeKind(Enum):
-    """Consequence of a change.
+    """Consequence of a change of a definition.
 
     DATA: recordings, and messages of nodes with the old definition, are not read as before: some or all of them are
     misread, cannot be read, or lack fields. CODE: programs that use the type may fail. HASH: the type hash differs;
@@ -43,13 +43,13 @@ class ChangeKind(Enum):
 
 
 class ElementChange(NamedTuple):
-    """A change of a field or constant.
+    """Change of a field or constant of a message.
 
     Attributes:
         what: added or removed; renamed (probably), type, moved, default or unit of a field; changed for a constant.
         name: the new name; the old name of a removed element.
         before: the old type, default, unit, place or name, ``type value`` of a constant; empty if there was none.
-        after: the new one.
+        after: the new type, default, unit, place or name; empty for a removed element.
         place: location of the new definition, or of the old one of a removed element.
     """
 
@@ -65,7 +65,9 @@ class ElementChange(NamedTuple):
 class MessageChange:
     """Changes of a message, or of a section of a service or action.
 
-    `through` has the changed types that it contains; `reads_old_data` is True if every old message is read as before.
+    Attributes:
+        through: the changed types that the message contains.
+        reads_old_data: every old message is decoded to the same values by the new definition.
     """
 
     name: str
@@ -77,7 +79,7 @@ class MessageChange:
     reads_old_data: bool
 
     def consequences(self) -> frozenset[ChangeKind]:
-        """Return the consequences of the changes."""
+        """Return the kinds of consequences of the message's changes."""
         found = {one.consequence for one in self.fields} | {one.consequence for one in self.constants}
         if self.old_hash != self.new_hash:
             found.add(ChangeKind.HASH)
@@ -88,7 +90,7 @@ class MessageChange:
 
 @dataclass(frozen=True, slots=True)
 class TypeChange:
-    """A changed interface with its changed messages, and the interfaces that contain it."""
+    """Changed interface: its changed messages, and in `used_by` the interfaces that contain it."""
 
     name: str
     old_hash: str
@@ -97,13 +99,16 @@ class TypeChange:
     used_by: tuple[str, ...]
 
     def consequences(self) -> frozenset[ChangeKind]:
-        """Return the consequences of the changes."""
+        """Return the kinds of consequences of all changes of the interface."""
         return frozenset().union(*(one.consequences() for one in self.messages))
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Result of a comparison: sorted full names; `not_compared` has only one set, if neither set is complete."""
+    """Result of a comparison of two definition sets, as sorted full names.
+
+    `not_compared` has the types that only one set has, if neither set is complete.
+    """
 
     added: tuple[str, ...]
     removed: tuple[str, ...]
@@ -112,7 +117,7 @@ class Comparison:
     same: tuple[str, ...]
 
     def consequences(self) -> frozenset[ChangeKind]:
-        """Return the consequences of the changes; a removed type breaks data and code."""
+        """Return the kinds of consequences of all changes; a removed type breaks data and code."""
         found = set().union(*(one.consequences() for one in self.changed))
         if self.added:
             found.add(ChangeKind.ADDITION)
@@ -122,7 +127,7 @@ class Comparison:
 
 
 def select_names(comparison: Comparison, names: Iterable[str]) -> Comparison:
-    """Return the part of a comparison for some packages and interfaces."""
+    """Return a comparison reduced to the named packages and interfaces."""
     selected = {*names}
 
     def has(name: str) -> bool:
@@ -141,7 +146,10 @@ def select_names(comparison: Comparison, names: Iterable[str]) -> Comparison:
 def compare(
     old: DefinitionSet, new: DefinitionSet, *, old_is_whole: bool = True, new_is_whole: bool = True
 ) -> Comparison:
-    """Compare two sets of definitions; a type that only one has was added or removed if the other set is whole."""
+    """Return the comparison of two sets of definitions.
+
+    A type that only one set has was added or removed if the other set is whole; else it is not compared.
+    """
     only_new = sorted(set(new.interfaces) - set(old.interfaces))
     only_old = sorted(set(old.interfaces) - set(new.interfaces))
     both = sorted(set(old.interfaces) & set(new.interfaces))
@@ -181,14 +189,14 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
 
 
 class _Layouts:
-    """Compares the layouts of old and new messages by name; a set has all messages that it refers to."""
+    """Comparison of the layouts of old and new messages by name; each set has all messages that it refers to."""
 
     def __init__(self, old: Mapping[str, MessageDef], new: Mapping[str, MessageDef]) -> None:
         self._old, self._new = old, new
         self._results: dict[tuple[str, str], bool] = {}
 
     def are_read(self, old: str, new: str) -> bool:
-        """Return True if every message of an old type is read as before as a new one."""
+        """Return True if the new type decodes every message of the old type to the same values."""
         if (old, new) not in self._results:
             old_fields, new_fields = self._old[old].fields, self._new[new].fields
             has_same_names = [one.name for one in old_fields] == [one.name for one in new_fields]
@@ -198,7 +206,7 @@ class _Layouts:
         return self._results[old, new]
 
     def is_read(self, old: FieldType, new: FieldType) -> bool:
-        """Return True if every value of an old type is read as before as a new one."""
+        """Return True if a field of the new type decodes every value of the old type as before."""
         # A sequence may lose its bound, or get a wider one.
         if any((old.arity is arity) is not (new.arity is arity) for arity in (Arity.SCALAR, Arity.ARRAY)):
             return False
@@ -215,7 +223,7 @@ class _Layouts:
 
 
 def _is_narrower(old: int, new: int) -> bool:
-    """Return True if a new upper bound is lower; 0 means no bound."""
+    """Return True if the new upper bound is lower than the old; 0 means no bound."""
     return new != 0 and (old == 0 or new < old)
 
 
@@ -235,7 +243,13 @@ def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDef]]) ->
 def _dependents(
     own: Mapping[str, object], owners: Mapping[str, str], inside: Mapping[str, set[str]]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the interfaces that contain a changed one, by the name of the changed one."""
+    """Return the interfaces that contain changed messages, by the name of the interface or message that changed.
+
+    Args:
+        own: the changed messages by name.
+        owners: the interface of each message.
+        inside: the types that each message contains.
+    """
     found: dict[str, set[str]] = {}
     for message, user in owners.items():
         for part in inside[message] & own.keys():
@@ -249,7 +263,7 @@ def _dependents(
 
 
 def _place(message: MessageDef, one: FieldDef | ConstantDef) -> str:
-    """Return the location of an element as ``path:line:column``; empty without a text."""
+    """Return the location of a field or constant as ``path:line:column``; empty if its source text is unknown."""
     return f"{message.source.path}:{one.location.line}:{one.location.column}" if message.source.text else ""
 
 
@@ -311,7 +325,7 @@ def _unmatched_runs(fields: Sequence[FieldDef], common: set[str]) -> dict[str, l
 
 
 def _reordered(old: Sequence[str], new: Sequence[str]) -> set[str]:
-    """Return the fewest names that must have moved: those outside of the longest increasing subsequence.
+    """Return a smallest set of names that must have moved: those outside of the longest increasing subsequence.
 
     Patience sorting: `ends` has the last place of the best subsequence of each length, `previous` links its places.
     """

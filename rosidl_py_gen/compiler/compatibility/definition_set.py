@@ -1,6 +1,6 @@
-"""Sets of definitions that can be compared: the messages of checked registries, with hashes.
+"""Sets of message definitions that can be compared: the messages of checked registries, with their type hashes.
 
-Locations are for display and are not compared.
+Source locations are for display and are not compared.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 
 
 class AmbiguousTypeError(RosidlError):
-    """The definitions to compare have two definitions of one type; select the part to compare."""
+    """Error of sets with two different definitions of one type; the user must select one of them."""
 
 
 def known_constants(message: MessageDef) -> tuple[ConstantDef, ...] | None:
-    """Return the constants; None if they are unknown, as for type descriptions without text."""
+    """Return the constants of a message; None if they are unknown, as for type descriptions without text."""
     return None if message.source.format == "implicit" and not message.constants else message.constants
 
 
 def comparison_key(message: MessageDef, *, with_constants: bool) -> tuple[object, ...]:
-    """Return the values to compare: names, types and defaults of fields, and constants, without locations."""
+    """Return the values by which message definitions are compared: fields with types and defaults, and constants."""
     constants = [(one.name, one.type, repr(one.value)) for one in message.constants if with_constants]
     return [(one.name, canonical_type(one.type), default_text(one.default)) for one in message.fields], constants
 
@@ -50,11 +50,12 @@ def canonical_type(kind: FieldType) -> FieldType:
 
 @dataclass(frozen=True, slots=True)
 class DefinitionSet:
-    """A set of definitions.
+    """Set of interface definitions with their messages and hashes.
 
     Attributes:
-        interfaces: full name -> the message itself, or the sections of a service or action.
-        messages: these messages, and those that they refer to.
+        interfaces: names of an interface's messages by its full name: a message itself, or the sections of a service or
+            action.
+        messages: the messages of the interfaces and all messages that they refer to, by full name.
         hashes: RIHS01 hashes of all types, with services and actions.
     """
 
@@ -64,7 +65,7 @@ class DefinitionSet:
 
 
 def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> DefinitionSet:
-    """Return the definitions of checked interfaces, and of the messages that they refer to."""
+    """Return the set of the named interfaces, which are checked, and of all messages that they refer to."""
     interfaces: dict[str, tuple[str, ...]] = {}
     messages: dict[str, MessageDef] = {}
     hashes: dict[str, str] = {}
@@ -102,7 +103,10 @@ def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> Defi
 
 
 def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
-    """Return definitions of a recording: recorders may omit constants, so no constants means unknown constants."""
+    """Return definitions of a recording, in which a message without constants has unknown constants.
+
+    Recorders may omit constants.
+    """
     messages = {
         name: one if one.constants else one._replace(source=one.source._replace(format="implicit"))
         for name, one in definitions.messages.items()
@@ -111,7 +115,11 @@ def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
 
 
 def merge(parts: Iterable[tuple[str, DefinitionSet]]) -> DefinitionSet:
-    """Return the union of sets with the names of their origins; raises `AmbiguousTypeError`."""
+    """Return the union of definition sets, each with the name of its origin for errors.
+
+    Raises:
+        AmbiguousTypeError: two sets define a type differently.
+    """
     interfaces: dict[str, tuple[str, ...]] = {}
     messages: dict[str, MessageDef] = {}
     hashes: dict[str, str] = {}

@@ -1,8 +1,8 @@
-"""Conversion of messages from old definitions to new ones, field by field: the plan, and the converter of it.
+"""Conversion of messages from old definitions to new ones, field by field: the plan, and the converter made from it.
 
-A value is assigned to the field that a rule names, else to the field of its name. Fields without a target are dropped,
-fields without a source get their default value; the plan lists both. Text is never converted to a number, nor a number
-to text.
+A value is assigned to the field that a rule names, else to the field of the same name. Old fields without a target are
+dropped, new fields without a source get their default value; the plan lists both. Text is never converted to a number,
+nor a number to text.
 
 No value changes silently: conversions that would change one are refused by type in the plan, and by value with
 `EncodeError` and the path of the field, here or when the message is encoded. The only exception is float64 to float32,
@@ -34,11 +34,11 @@ Types = Mapping[str, Sequence[tuple[str, "FieldType"]]]
 
 
 class MigrationError(RosidlError):
-    """Messages cannot be converted to the new definitions by these rules; the text has all reasons."""
+    """Error of messages that cannot be converted to the new definitions; the text lists all reasons."""
 
 
 class RenameRule(NamedTuple):
-    """Rename rule of a type or field, with an empty target to drop a field; `place` is ``file:line:column``."""
+    """Rename rule of a type or field; an empty `target` drops the field, `place` is the rule's ``file:line:column``."""
 
     target: str
     place: str
@@ -46,13 +46,13 @@ class RenameRule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MigrationRules:
-    """Renames that the definitions do not show, by the old full name of the type or message."""
+    """User's rules for renames that the definitions do not show, by the old full name of the type or message."""
 
     types: Mapping[str, RenameRule] = field(default_factory=dict)
     fields: Mapping[str, Mapping[str, RenameRule]] = field(default_factory=dict)
 
     def type_name(self, old: str) -> str:
-        """Return the new name of a type."""
+        """Return the new name of a type: the target of its rename rule, else the old name."""
         rule = self.types.get(old)
         return rule.target if rule else old
 
@@ -88,15 +88,15 @@ class MessagePlan:
 
 
 Plans = Mapping[tuple[str, str], MessagePlan]
-"""Plans by old and new name, for a message and all that it contains."""
+"""Conversion plans by old and new name, for a message and all messages that it contains."""
 
 
 def plan(old: Types, new: Types, top: str, rules: MigrationRules | None) -> dict[tuple[str, str], MessagePlan]:
-    """Plan the conversion of the messages of a type, with all that they contain.
+    """Return the plans that convert the messages of a type and all messages that they contain, by old and new name.
 
     Args:
         top: the old name of the type.
-        rules: the renames; None if nobody can write any, and errors do not suggest it.
+        rules: the renames; None if the user cannot write rules, and then errors do not suggest rules.
 
     Raises:
         MigrationError: fields cannot be converted, or rules name fields that do not exist.
@@ -170,7 +170,7 @@ def _is_same_arity(old: FieldType, new: FieldType) -> bool:
 
 
 def _is_convertible(old: FieldType, new: FieldType, rules: MigrationRules | None) -> bool:
-    """Return True if values of one type can become values of another, regardless of bounds and lengths."""
+    """Return True if values of the old type can be converted to the new type, regardless of bounds and lengths."""
     if not _is_same_arity(old, new):
         return False
     if old.is_message and new.is_message:
@@ -183,13 +183,16 @@ def _is_convertible(old: FieldType, new: FieldType, rules: MigrationRules | None
 
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, FieldType]]]:
-    """Return the fields of a message and of all types in it, as input of `plan`."""
+    """Return the names and types of the fields of a message class and of all types in it, as input of `plan`."""
     classes: dict[str, Any] = referenced_classes(cls)
     return {name: [(one.ros_name, one.type) for one in planned._TYPE.fields] for name, planned in classes.items()}
 
 
 def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> Callable[[Any], Any]:
-    """Return a function that converts messages of the old class to the new one, or raises `EncodeError`."""
+    """Return a function that converts messages of the old class to the new class.
+
+    The function raises `EncodeError` for a value that the new type does not have.
+    """
     makers: dict[tuple[str, str], Converter] = {}
     old_classes, new_classes = referenced_classes(old), referenced_classes(new)
 
@@ -232,7 +235,10 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
 def _field_converter(
     step: FieldConversion, path: str, maker: Callable[[tuple[str, str]], Converter]
 ) -> Converter | None:
-    """Return a converter, None if the value is copied; array sizes are checked when the message is encoded."""
+    """Return the converter of a field's values; None if values are copied unchanged.
+
+    Array sizes are not checked here, but when the message is encoded.
+    """
     is_scalar = step.new_type.arity is Arity.SCALAR
     if step.new_type.is_message:
         field = maker((step.old_type.base, step.new_type.base))

@@ -1,7 +1,7 @@
-"""Bundled interface packages of a ROS distribution.
+"""Interface packages of ROS distributions that are bundled with the product.
 
 `interfaces/` has the definitions of the default distribution; `interfaces/distributions/<name>` has the files of
-another one that differ or are new, and ``absent.txt``, which names packages and interfaces that it lacks.
+another distribution that differ or are new, and ``absent.txt`` with the packages and interfaces that it lacks.
 """
 
 from __future__ import annotations
@@ -21,14 +21,20 @@ _NEEDED = frozenset(package for packages in IMPLIED.values() for package in pack
 
 
 class BundledFiles(NamedTuple):
-    """Files of a bundled package: its folder, and its interfaces if these differ from the files of the folder."""
+    """Files of a bundled package: its folder, and its interface files if these differ from all files of the folder."""
 
     folder: Path
     files: dict[RosName, Path] | None
 
 
 class _Difference(NamedTuple):
-    """Stored difference of a distribution to its base."""
+    """Stored difference of a distribution to the distribution that it is based on.
+
+    Attributes:
+        files: interface files that are new or changed.
+        folders: folders of the packages with such files.
+        absent: names of packages and interfaces that the distribution lacks.
+    """
 
     files: dict[RosName, Path]
     folders: dict[str, Path]
@@ -36,9 +42,10 @@ class _Difference(NamedTuple):
 
 
 def bundled_packages(distro: str) -> dict[str, BundledFiles]:
-    """Return the packages of a distribution by name.
+    """Return the bundled packages of a distribution by name.
 
-    Packages that every service or action refers to are included if the distribution lacks them; see `is_absent`.
+    Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
+    True for their interfaces.
     """
     top = interfaces_dir()
     packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
@@ -61,13 +68,13 @@ def bundled_packages(distro: str) -> dict[str, BundledFiles]:
 
 
 def is_absent(name: RosName, distro: str) -> bool:
-    """Return True for an interface of `bundled_packages` that is no part of the distribution."""
+    """Return True for an interface that `bundled_packages` returns although the distribution lacks its package."""
     return any(name.package in _difference(layer).absent for layer in layers(distro))
 
 
 @cache
 def changed_interfaces(distro: str) -> frozenset[RosName]:
-    """Return interfaces that were added, removed or changed relative to the default distribution."""
+    """Return the interfaces that a distribution added, removed or changed relative to the default distribution."""
     if distro == DEFAULT:
         return frozenset()
     own, default = _paths(distro), _paths(DEFAULT)
@@ -75,7 +82,7 @@ def changed_interfaces(distro: str) -> frozenset[RosName]:
 
 
 def other_distributions_note(package: str, name: RosName | None = None) -> str:
-    """Return a note about the distributions that have a package, or an interface of it; empty if none has it."""
+    """Return an error note on the distributions that have a package, or its interface `name`; "" if none has it."""
     having = [
         distro
         for distro in DISTRIBUTIONS
@@ -97,7 +104,7 @@ def _paths(distro: str) -> dict[RosName, Path]:
 
 
 def files_below(package: str, folder: Path) -> dict[RosName, Path]:
-    """Return the .msg, .srv and .action files of a package's folder."""
+    """Return the .msg, .srv and .action files of a package's folder by interface name."""
     return {
         RosName(package, kind, path.stem): path for kind in KINDS for path in sorted((folder / kind).glob(f"*.{kind}"))
     }

@@ -18,7 +18,7 @@ _FALSE = re.compile(r"|0|off|no|false|n|ignore|notfound|.*-notfound", re.IGNOREC
 _NUMBER = re.compile(r"[+-]?\d{1,15}(\.\d{1,15})?")
 _VERSION = re.compile(r"\d{1,9}(\.\d{1,9})*")
 _PLAIN_REGEX = re.compile(r"\^?[\w ,:;=@!~/-]*\$?")
-"""Regular expressions that mean the same to CMake and Python, and take linear time."""
+"""Pattern of the regular expressions that mean the same to CMake and Python, and take linear time."""
 _UNARY = ("EXISTS", "COMMAND", "POLICY", "TARGET", "TEST", "IS_DIRECTORY", "IS_SYMLINK", "IS_ABSOLUTE", "IS_READABLE")
 _COMPARISONS: dict[str, Callable[[int], bool]] = {
     "LESS": lambda order: order < 0,
@@ -31,7 +31,7 @@ _BINARY = re.compile(f"(STR|VERSION_)?({'|'.join(_COMPARISONS)})|MATCHES|IN_LIST
 
 
 class ConditionWord(NamedTuple):
-    """A word of a condition after its references are replaced; `text` is None if that is not possible."""
+    """Word of a condition with its variable references replaced; `text` is None if a reference has no known value."""
 
     text: str | None
     is_quoted: bool = False
@@ -62,7 +62,7 @@ def evaluate_condition(words: list[ConditionWord], lookup: Lookup) -> bool | Non
 
 
 def _evaluate_flat(items: list[_Item], lookup: Lookup) -> bool | None:
-    """Evaluate a condition without parentheses: tests, then NOT, then AND and OR."""
+    """Return the value of a condition without parentheses: tests, then NOT, then AND and OR; None if undecided."""
     values: list[bool | str | None] = []  # values with the words NOT, AND and OR between them
     at = 0
     while at < len(items):
@@ -120,7 +120,7 @@ def _is_defined(item: _Item, lookup: Lookup) -> bool | None:
 
 
 def _truth(word: ConditionWord, lookup: Lookup) -> bool | None:
-    """Return the value of a single word: a constant, or the name of a variable."""
+    """Return the truth value of a single word, which is a constant or the name of a variable; None if undecided."""
     if word.text is None:
         return None
     if _TRUE.fullmatch(word.text):
@@ -136,7 +136,10 @@ def _truth(word: ConditionWord, lookup: Lookup) -> bool | None:
 
 
 def _operand(item: _Item, lookup: Lookup) -> str | None:
-    """Return a text to compare: the value of the variable of this name, or the text; None if either is possible."""
+    """Return an operand of a comparison: the value of the variable with this name, else the word itself.
+
+    Returns None if the build decides between the two.
+    """
     if not isinstance(item, ConditionWord) or item.text is None:
         return None
     value = lookup(item.text)

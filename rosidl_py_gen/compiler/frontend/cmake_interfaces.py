@@ -1,7 +1,7 @@
-"""The interface files of a source package.
+"""Interface files of a source package.
 
 If the list that its CMakeLists.txt gives to `rosidl_generate_interfaces` can be determined without a build, the files
-of the list are used. Otherwise all interface files below its folder are used, so that no file is lost.
+of the list are used. Otherwise all interface files below the package's folder are used, so that no file is lost.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from rosidl_py_gen.errors import Diagnostic, display_path
 
 
 class CMakeInterfaceList:
-    """The interface files of a source package.
+    """Interface files of a source package.
 
     Attributes:
         files: files by interface name, in name order.
-        complete: True for the list of CMakeLists.txt; False for all files below the package folder.
-        problems, notes: listed files that do not exist; assumptions and skipped files.
+        complete: True if `files` is the list of CMakeLists.txt; False if it has all files below the package folder.
+        problems: errors: listed files that do not exist or are not interface files.
+        notes: assumptions about CMakeLists.txt, and skipped files.
     """
 
     def __init__(self, package: str, folder: Path) -> None:
@@ -103,7 +104,7 @@ class CMakeInterfaceList:
             self._report(self.problems, -1, str(error))
 
     def _select_files(self) -> dict[RosName, Path]:
-        """Return one file for each interface; of several, the first that compiles."""
+        """Return one file for each interface; if several files define an interface, preferably one that compiles."""
         chosen = {name: min(paths, key=lambda path: self._rank(name, path)) for name, paths in self._paths.items()}
         rest = [(path, name) for name, paths in self._paths.items() for path in paths if path != chosen[name]]
         for path, name in [one for one in rest if not one[0].endswith(".idl")][:1]:
@@ -130,7 +131,7 @@ class CMakeInterfaceList:
 
 
 def _files_of_call(words: list[CMakeArgument]) -> list[CMakeArgument]:
-    """Return the files among the arguments of a call, of which the first is the target."""
+    """Return the files among the arguments of `rosidl_generate_interfaces`, whose first argument is the target."""
     files: list[CMakeArgument] = []
     keyword = ""
     for word in words[1:]:

@@ -1,4 +1,4 @@
-"""Reader of CMakeLists.txt: arguments of its calls, as far as they can be determined without a build.
+"""Reader of CMakeLists.txt: arguments of its commands, as far as they can be determined without a build.
 
 No command is run. Variables are followed through `set`, `unset`, `list`, `file(GLOB)`, `if` and `foreach`. If a
 condition depends on the build, each branch is read, and a variable whose value depends on the branch has the elements
@@ -38,7 +38,7 @@ _REFERENCE = re.compile(r"\$(?:(?=ENV\{)|\{)(ENV\{[\w./+-]+|[\w./+-]+)\}")
 _UNREADABLE = re.compile(r"\\[;ntr]|\$\w*[{<]")
 _BLOCKS = ("if", "foreach", "while", "function", "macro", "block")
 _MAX_DEPTH = 60
-"""Maximum depth of blocks in blocks, which bounds the recursion of the reader."""
+"""Maximum depth of nested blocks, which bounds the recursion of the reader."""
 _HARMLESS = re.compile(  # prefixes of commands that change no list
     "message|find_package|return|if|else|end|target_|ament_|link_|rosidl_|rclcpp_|catkin_|include_|set_[pt]"
     "|add_(lib|exec|comp|def|dep|custom|test|link)|cmake_(min|pol)"
@@ -55,22 +55,23 @@ _INSTALL_FOLDERS = {
     "CMAKE_INSTALL_DATAROOTDIR": "share",
     "PYTHON_INSTALL_DIR": f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages",
 }
-"""Variables of CMake, GNUInstallDirs and ament_cmake_python with folders of a prefix."""
+"""Variables of CMake, GNUInstallDirs and ament_cmake_python, with the folder of an installation prefix that each names.
+"""
 _FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
 _PREDEFINED = {**_INSTALL_FOLDERS, **dict.fromkeys(_FOLDERS, "."), "ENV{ROS_VERSION": "2"}
 _NOT_CHANGED_ELSEWHERE = {*_PREDEFINED, "PROJECT_NAME"}
-"""Variables that a function or another file is taken to read only."""
+"""Variables that the reader assumes functions and other files not to change."""
 _DEFINITION = re.compile(r"\b(?:function|macro)\s*\(\s*([\w-]+)", re.IGNORECASE)
 _WORD = re.compile(r'[^\s()"#;]+')
 _GLOB_OPTIONS = {"RELATIVE": 2, "LIST_DIRECTORIES": 2, "CONFIGURE_DEPENDS": 1, "FOLLOW_SYMLINKS": 1}
-"""Options of `file(GLOB)` and the number of their words."""
+"""Options of `file(GLOB)`, each with its number of words."""
 _MAX_STARS = 4
 _INCLUDES_FILE = re.compile(r"\binclude\s*\([^()]*[./$]", re.IGNORECASE)
 _MAX_PATH = 4096
 
 
 class CMakeArgument(NamedTuple):
-    """An argument or an element of a list.
+    """Argument of a CMake command, or element of a CMake list.
 
     Attributes:
         text: text, or UNKNOWN.
@@ -86,9 +87,9 @@ class CMakeArgument(NamedTuple):
 
 
 class CMakeCommand(NamedTuple):
-    """A command: its name in small letters, its arguments, and the offsets of its first and after its last character.
+    """Command of a CMakeLists.txt: name in lower case, arguments, start offset, end offset (exclusive).
 
-    Parentheses inside are arguments.
+    Parentheses inside the command are arguments.
     """
 
     name: str
@@ -101,7 +102,7 @@ _Value = list[CMakeArgument] | None  # elements of a variable; None: unknown
 
 
 def parse_commands(text: str) -> Iterator[CMakeCommand]:
-    """Yield the commands of a file."""
+    """Yield the commands of the text of a CMakeLists.txt in order."""
     name, start, depth, words = "", 0, 0, list[CMakeArgument]()
     for found in _TOKEN.finditer(text):
         token = found[0]
@@ -125,17 +126,22 @@ def parse_commands(text: str) -> Iterator[CMakeCommand]:
 
 
 class CMakeScript:
-    """A CMakeLists.txt with its `calls` of commands that define interfaces, installed files, targets and tests.
+    """Contents of a CMakeLists.txt: the `calls` of commands that define interfaces, installed files, targets and tests.
 
-    A call is a name and arguments. Calls in branches that a build may skip are listed, too. A call of
-    `rosidl_generate_interfaces` has a target that is not certain there, or if its name is unknown. A call of
-    `add_subdirectory` is listed if that folder has install rules.
+    A call is a command name and arguments. Calls in branches that a build may skip are listed, too. The first argument
+    of a `rosidl_generate_interfaces` call, its target, is not certain in such a branch, or if the target's name is
+    unknown. A call of `add_subdirectory` is listed if that folder has install rules.
     """
 
     def __init__(self, folder: Path, text: str, budget: PackageBudget | None = None) -> None:
-        """Read a script; raises `UnreadableError` if it lists more than a package can have.
+        """Read the text of a CMakeLists.txt.
 
-        `budget` is shared with the readers of other files of the package.
+        Args:
+            folder: the package folder.
+            budget: work limit, which may be shared with readers of other files of the package.
+
+        Raises:
+            UnreadableError: the script takes more work to read than a package can need.
         """
         self._folder = folder
         self._text = text
@@ -234,7 +240,7 @@ class CMakeScript:
         return items
 
     def _items(self, word: CMakeArgument) -> list[CMakeArgument]:
-        """Return the arguments that a word becomes: a quoted word is one argument."""
+        """Return the loop items that an argument of `foreach` becomes; a quoted argument stays one item."""
         items = self._expand(word)
         if word.quote and len(items) > 1:
             text = ";".join(item.text for item in items)
@@ -243,13 +249,13 @@ class CMakeScript:
         return items
 
     def _run_maybe(self, marks: list[int], text: str) -> None:
-        """List the calls of a block that may run any number of times, and make unknown what the block may change."""
+        """Record the calls of a block that may run repeatedly or never, and make the variables it changes unknown."""
         self._forget(text)
         changed, _ = self._branch(marks[0] + 1, marks[-1])
         self._set_unknown(changed)
 
     def _branch(self, start: int, stop: int) -> tuple[dict[str, _Value], bool]:
-        """Run a section that a build may skip; returns the variables that it changes, and True if the build ends."""
+        """Read commands that a build may skip; return the changed variables, and True if they end the script."""
         before = self._values
         self._values = before.new_child()
         self._undecided += 1
@@ -260,7 +266,7 @@ class CMakeScript:
         return changed, is_ended
 
     def _join(self, outcomes: list[dict[str, _Value]]) -> None:
-        """Set the variables that differ after the branches of a condition; their elements are not certain."""
+        """Set the variables that branches of a condition changed; elements that depend on the branch are uncertain."""
         for name in dict.fromkeys(name for outcome in outcomes for name in outcome):
             is_set_before, before = name in self._values, self._values.get(name)
             values = [outcome.get(name, before) for outcome in outcomes]
@@ -375,7 +381,7 @@ class CMakeScript:
             self._values[name] = value
 
     def _own(self, name: str) -> _Value:
-        """Return the list of a variable, which the caller may change; a variable that nothing sets becomes empty."""
+        """Return the list of a variable for the caller to change; [] for an unset variable, None for an unknown one."""
         own = self._values.maps[0]
         if name not in own:
             before = self._values.get(name, [])
@@ -391,9 +397,10 @@ class CMakeScript:
         self._set_unknown(list(self._values))
 
     def _forget(self, text: str, *names: str) -> None:
-        """Make the variables unknown that commands of a text may change if their arguments are `names`.
+        """Set the variables to unknown that the commands in `text` may change if their arguments are `names`.
 
-        They are the words of the text, the values of these words, and what its composed words match.
+        These are the variables named by words of the text, by the values of these words, and by words with `${...}`
+        inside.
         """
         forgotten: dict[str, None] = dict.fromkeys(names)
         texts = [text]
@@ -420,7 +427,7 @@ class CMakeScript:
         self._set_unknown(forgotten)
 
     def _include(self, target: CMakeArgument, *, is_include: bool) -> None:
-        """Make the variables unknown that another file of the package may set."""
+        """Set the variables to unknown that an included file or subdirectory of the package may set."""
         path = inside(posixpath.join(self._only(target), "" if is_include else "CMakeLists.txt"))
         text = ""
         with suppress(UnreadableError):  # a module of CMake is not in the package
@@ -447,7 +454,7 @@ class CMakeScript:
         return values[0].text if len(values) == 1 and values[0].certain else UNKNOWN
 
     def _scalar(self, name: str) -> str | None:
-        """Return the value of a variable as one text; None if it is not certain or nothing sets it."""
+        """Return the value of a variable as one text; None if the value is uncertain or nothing sets the variable."""
         value = self._values.get(_key(name))
         if value is None or not all(one.certain and one.text != UNKNOWN for one in value):
             return None
@@ -467,7 +474,7 @@ class CMakeScript:
         return found
 
     def _expand(self, *words: CMakeArgument) -> list[CMakeArgument]:
-        """Return words with their references replaced; a list becomes its elements, also between quotation marks."""
+        """Return arguments with their variable references replaced; a list becomes its elements, also inside quotes."""
         found: list[CMakeArgument] = []
         for word in words:
             parts = [word.text] if word.quote == "[" else _REFERENCE.split(word.text)
@@ -493,7 +500,10 @@ class CMakeScript:
         return [CMakeArgument(UNKNOWN)] if found is None else found
 
     def _glob(self, words: list[CMakeArgument], *, is_deep: bool) -> _Value:
-        """Return the matching files by their paths, as texts that begin with the package folder or below RELATIVE."""
+        """Return the files that the patterns of `file(GLOB)` match; None if they cannot be determined.
+
+        The paths begin with the package folder, or are relative to the RELATIVE folder.
+        """
         if not self._files:
             self._files = [path.split("/") for path in self._budget.entries("", files_below(self._folder))]
         found: list[CMakeArgument] = []
@@ -521,12 +531,12 @@ class CMakeScript:
 
 
 def _key(name: str) -> str:
-    """Return the key of a variable, or of a variable of the environment, which is written with braces."""
+    """Return the key of a variable in the reader's table; the name of an environment variable has an open brace."""
     return name[:-1] if name.startswith("ENV{") else name
 
 
 def _find_blocks(commands: list[CMakeCommand]) -> dict[int, list[int]]:
-    """Return the commands that begin and end the sections of a block, by the command that begins the block."""
+    """Return the indices of the commands that begin or end a block's sections, by the index of its first command."""
     found: dict[int, list[int]] = {}
     is_open: list[list[int]] = []
     for at, (name, *_) in enumerate(commands):
@@ -545,7 +555,7 @@ def _find_blocks(commands: list[CMakeCommand]) -> dict[int, list[int]]:
 
 
 def inside(path: str) -> str | None:
-    """Return a path relative to the package folder; None if it lies elsewhere or is unknown."""
+    """Return a path relative to the package folder; None if the path is outside of the folder or unknown."""
     path = posixpath.normpath(path)
     is_outside = len(path) > _MAX_PATH or UNKNOWN in path or path.startswith(("/", "../")) or path in (".", "..")
     return None if is_outside else path

@@ -1,8 +1,8 @@
-"""Text of one interface of a search path, for people and for bags.
+"""Text of the definition of an interface, for display and for bags.
 
 A definition with the types that it uses has these types below the fields, indented by a tab, as in `ros2 interface
-show`. The text is the text of the file; definitions of .idl files and derived messages are converted to the notation
-of .msg files.
+show`. The text is the text of the file; definitions of .idl files and derived messages are converted to the notation of
+.msg files.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 MAX_LINES = 20_000
-"""Maximum lines of an expanded definition: types that contain each other twice double the text with each level."""
+"""Maximum lines of an expanded definition: a type that contains the next type twice doubles the text at each level."""
 _SEPARATOR = "=" * 80
 
 
 def source_text(registry: InterfaceRegistry, owner: RosName) -> str:
-    """Return the text of the file, with a line break at the end."""
+    """Return the text of an interface's file, with a line break at the end; raises `TypeNotFoundError`."""
     interface = registry.interface(owner)
     if interface is None:
         raise TypeNotFoundError(f"no interface {owner}")
@@ -36,11 +36,11 @@ def source_text(registry: InterfaceRegistry, owner: RosName) -> str:
 
 
 def full_text(registry: InterfaceRegistry, top: RosName) -> str:
-    """Return the ros2msg text of a definition for bags and MCAP files; `compile_definition` reads it.
+    """Return the ros2msg text of an interface and its types for bags and MCAP files; `compile_definition` reads it.
 
     Definitions of .idl files are converted to the notation of .msg files, the only one that most readers of bags
-    support. A definition with names that .msg files do not allow stays IDL below a header; if `top` does, this is
-    ros2idl text.
+    support. A definition with names that .msg files do not allow stays IDL below a header; if `top` is such a
+    definition, the whole text is ros2idl text.
     """
     texts = []
     for name in map(split_ros_name, registry.closure(str(top))):
@@ -65,7 +65,7 @@ def _must_stay_idl(registry: InterfaceRegistry, name: RosName) -> bool:
 
 
 def _file_text(registry: InterfaceRegistry, name: RosName) -> str:
-    """Return the text of the file; text in the notation of .msg for IDL, derived messages and type descriptions."""
+    """Return the text of an interface's file; IDL, derived messages and type descriptions become .msg notation."""
     interface = registry.interface(name)
     if interface is not None and interface.source.text and interface.source.format != "idl":
         return source_text(registry, name)
@@ -75,7 +75,7 @@ def _file_text(registry: InterfaceRegistry, name: RosName) -> str:
 def expanded_lines(
     registry: InterfaceRegistry, name: RosName, *, comments: bool = True, nested_comments: bool = False
 ) -> list[str]:
-    """Return the lines of a definition, with the definition of its type below each field.
+    """Return the lines of a definition; below a field of a message type follow the lines of that type, indented.
 
     Without comments there are no empty lines. Raises `DefinitionError` for more than `MAX_LINES`.
     """
@@ -97,7 +97,7 @@ def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested
 
 
 def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, FieldDef | None]]:
-    """Yield the lines of a definition, each with the field that it defines."""
+    """Yield the lines of a definition; each line has the field that it defines, or None."""
     message = registry.message(str(name))
     interface = registry.interface(name)
     if interface is None or interface.source.format == "idl" or not interface.source.text:

@@ -1,6 +1,7 @@
-"""The rosidl subset of IDL (docs/internals/protocol.md 1.8): from the syntax tree of an .idl file to an interface.
+"""Conversion of the syntax tree of an .idl file to an interface: the rosidl subset of IDL.
 
-One struct is a message, two are a service, three an action. Constants of struct S are in a module S_Constants.
+One struct is a message, two are a service, three an action. Constants of struct S are in a module S_Constants. The
+subset: docs/internals/protocol.md 1.8.
 """
 
 from __future__ import annotations
@@ -58,12 +59,12 @@ _BASES = {
     **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
 }
 _MAX_TYPEDEFS = 16
-"""Maximum depth of typedefs, and of constants, that refer to others."""
+"""Maximum depth of typedefs that refer to other typedefs, and of constants that refer to other constants."""
 
 
 @dataclass(slots=True)
 class _IdlSymbolTable:
-    """Declarations of a file by name; structs with the modules that contain them."""
+    """Declarations of an .idl file by name; structs are stored with the modules that contain them."""
 
     structs: list[tuple[tuple[str, ...], IdlStruct]] = field(default_factory=list)
     constants: dict[str, list[IdlConst]] = field(default_factory=dict)
@@ -87,14 +88,14 @@ class _IdlSymbolTable:
                     raise name.problem("enums are not usable in ROS interfaces; use constants")
 
     def constant(self, name: str) -> list[IdlConst]:
-        """Return the constants that a name can mean; in a path only the last module is compared."""
+        """Return the constants that a scoped name may refer to; of its modules, only the last is compared."""
         *path, last = name.split("::")
         every = (const for module, consts in self.constants.items() if path[-1:] in ([], [module]) for const in consts)
         return [const for const in every if const.name.text == last]
 
 
 def parse_idl_interface(name: RosName, source: SourceText, diagnostics: Diagnostics) -> Interface | None:
-    """Parse an .idl file; returns None, after a diagnostic, if it has a problem."""
+    """Return the interface of the text of an .idl file; None, after a diagnostic, if the text has a problem."""
     try:
         scope = _IdlSymbolTable()
         scope.collect(parse_idl(source.text), ())
@@ -111,7 +112,7 @@ def parse_idl_interface(name: RosName, source: SourceText, diagnostics: Diagnost
 
 
 def _check_typedef(typedef: IdlTypedef, scope: _IdlSymbolTable) -> None:
-    """Raise for an unsupported typedef, even if it is not used; references are checked where it is used."""
+    """Raise `SyntaxProblem` for an unsupported typedef, even if no field uses it; names are checked at their use."""
     declarator, kind = typedef.declarator, typedef.type
     for base in (kind, kind.element):
         if base is not None and base.kind == "base":
@@ -280,7 +281,7 @@ def _constant(const: IdlConst, scope: _IdlSymbolTable, source: SourceText) -> Co
 
 
 def _fit(kind: FieldType, value: Scalar, at: Token) -> Scalar:
-    """Return the value in the Python type of its field; raises `SyntaxProblem` if it does not fit."""
+    """Return a constant or default value in the Python type of its field; raise `SyntaxProblem` if it does not fit."""
     primitive = kind.primitive
     if primitive is None:
         if isinstance(value, str) and (not kind.string_bound or len(value) <= kind.string_bound):

@@ -1,4 +1,4 @@
-"""Parser of .idl files: from text to syntax trees with positions. It checks nothing beyond the grammar."""
+"""Parser of .idl files: from text to syntax trees with positions. It checks only the grammar."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 MAX_TOKENS = 250_000
-"""Maximum tokens of a file without comments; each takes 400 bytes, and may be a single character."""
+"""Maximum tokens of an .idl file without comments; a token takes 400 bytes, and may be a single character."""
 _TOKEN_NAMES = {
     "LSQB": '"["',
     "RSQB": '"]"',
@@ -43,7 +43,7 @@ _TOKEN_NAMES = {
     "SIGN": "a sign",
     "$END": "the end",
 }
-"""Terminals of the grammar as errors name them."""
+"""Terminals of the IDL grammar with their names in error texts."""
 _UNSUPPORTED = {
     **{word: f"{word}s are" for word in ("union", "bitmask", "bitset", "interface", "valuetype", "exception", "map")},
     **{word: f'"{word}" is' for word in ("fixed", "any", "native", "typename", "wchar_t")},
@@ -51,12 +51,17 @@ _UNSUPPORTED = {
     **dict.fromkeys("+*/%|&^~", "constant expressions are"),
     **dict.fromkeys(("<<", ">>"), "constant expressions are"),
 }
-"""Features of IDL that rosidl does not support, by the token that shows them."""
+"""IDL features that rosidl does not support, by the token that begins them."""
 
 
 @dataclass(frozen=True, slots=True)
 class IdlExpression:
-    """A literal or a name; `kind` is number, boolean, string, wide_string or name, `text` joins adjacent literals."""
+    """Literal or name in an .idl file.
+
+    Attributes:
+        kind: number, boolean, string, wide_string or name.
+        text: the text; adjacent string literals are joined.
+    """
 
     kind: str
     text: str
@@ -65,8 +70,13 @@ class IdlExpression:
 
 @dataclass(frozen=True, slots=True)
 class IdlType:
-    """A type; `kind` is base, string, sequence or name, `words` are the keywords or modules and name, `size` is a
-    bound.
+    """Type in an .idl file.
+
+    Attributes:
+        kind: base, string, sequence or name.
+        words: keywords of a base type or string, or modules and name of a named type.
+        element: element type of a sequence.
+        size: bound of a string or sequence.
     """
 
     kind: str
@@ -124,7 +134,11 @@ IdlDefinition = IdlModule | IdlStruct | IdlConst | IdlTypedef | IdlEnum
 
 
 def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
-    """Return the definitions of an .idl file; raises `SyntaxProblem`, also for a text that is too large."""
+    """Return the definitions of the text of an .idl file.
+
+    Raises:
+        SyntaxProblem: the text breaks the grammar, or is too large.
+    """
     parsing = _idl_parser().parse_interactive(text)
     last: LarkToken | None = None
     try:
@@ -184,7 +198,7 @@ def _split(children: list[Any], kind: type) -> tuple[tuple[Any, ...], list[Any]]
 
 @v_args(inline=False)
 class _Idl(Transformer[LarkToken, Any]):
-    """Callbacks of lark that build the definitions."""
+    """Callbacks with which lark builds the syntax tree of an .idl file."""
 
     def start(self, children: list[Any]) -> tuple[IdlDefinition, ...]:
         return tuple(child for child in children if child is not None)

@@ -1,7 +1,7 @@
 """Parser of one interface file or text: returns a MessageDef, ServiceDef or ActionDef.
 
-It splits .srv and .action files at their separators and selects the parser by format. Problems are collected, not
-raised, so that a run over many files reports all of them.
+The parser splits .srv and .action files at their separators and selects the language by format. Problems are collected,
+not raised, so that a run over many files reports all of them.
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
 
 _ALMOST_SEPARATOR = re.compile(r"\s*(?:[-\u2010-\u2015\u2212_=*~]\s*){2,}(?:#.*)?")
-"""A line that is probably meant as a separator: too short or long, with blanks, a comment or other dashes."""
+"""Pattern of a line that is probably meant as a separator ``---``: too short or long, with blanks, a comment or other
+dashes."""
 
 
 def read_source(path: Path, display: str, diagnostics: Diagnostics) -> SourceText | None:
-    """Return the text of a file; None, after a diagnostic, if it cannot be read as UTF-8."""
+    """Return the text of a definition file; None, after a diagnostic, if the file cannot be read as UTF-8."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -53,7 +54,7 @@ def read_source(path: Path, display: str, diagnostics: Diagnostics) -> SourceTex
 
 
 def parse_interface(name: RosName, source: SourceText, diagnostics: Diagnostics) -> Interface | None:
-    """Parse an interface; returns None if it cannot be used, with a diagnostic."""
+    """Return the interface that a definition text defines; None, after a diagnostic, if the text cannot be used."""
     if source.text.startswith("\ufeff"):
         diagnostics.add(Location(source, 1, 1), "found a byte order mark; save the file as UTF-8 without one")
         source = source._replace(text=source.text[1:])
@@ -73,12 +74,12 @@ def parse_interface(name: RosName, source: SourceText, diagnostics: Diagnostics)
 
 
 def may_be_file(name: RosName) -> bool:
-    """Return True if a file can have this name: the names of the messages that it defines must be valid, too."""
+    """Return True if a file may define an interface of this name: all messages in the file must have valid names."""
     return all(is_interface_name(section.name) for section in section_names(name, name.kind))
 
 
 def separators(text: str) -> int:
-    """Return the number of lines that separate sections."""
+    """Return the number of separator lines (``---``) in the text of a .srv or .action file."""
     return sum(line == "---" for line in text.splitlines())
 
 

@@ -1,7 +1,8 @@
-"""Default values and constants: from their text to Python values (docs/internals/protocol.md 1.4).
+"""Parser of default values and constants in definition files: from their text to Python values.
 
 rosidl converts a string default into IDL text and reads it back, so an escape has the meaning that survives both
-stages. `_through_idl` reproduces the two stages with their quirks, so that the same texts are accepted.
+stages. `_through_idl` reproduces the two stages with their quirks, so that the same texts are accepted. Rules:
+docs/internals/protocol.md 1.4.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Default, Scalar
 
 _MAX_DIGITS = 400
-"""Maximum digits of an integer: above every valid value, below the length from which Python refuses to convert."""
+"""Maximum digits of an integer: more than any valid value has, fewer than Python refuses to convert."""
 _MAX_ELEMENTS_AT_ONCE = 4096
-"""Maximum elements whose Python syntax tree exists at a time: 250 bytes each."""
+"""Maximum number of list elements that Python parses at a time; the syntax tree takes 250 bytes for each element."""
 _IDL_STRING = re.compile(r'"(.*?)(?<!\\)(?:\\\\)*?"')
 _IDL_ESCAPE = re.compile(r"\\[ntvbrfa\\?'\"]|\\[0-7]{1,3}|\\x[0-9a-fA-F]{1,2}")
 _PYTHON_ESCAPE = re.compile(r"\\([4-7][0-7]{2}|.)", re.DOTALL)
@@ -28,7 +29,7 @@ _IDL_WIDE_ESCAPE = re.compile(_IDL_ESCAPE.pattern + r"|\\u[0-9a-fA-F]{1,4}")
 
 
 class LiteralProblem(ValueError):
-    """The text is not a value of the type; `is_at_end` is True if a list ends where an element is expected."""
+    """Error of a text that is no value of its type; `is_at_end` is True if a list ends where an element is expected."""
 
     def __init__(self, text: str, is_at_end: bool = False) -> None:
         super().__init__(text)
@@ -36,7 +37,7 @@ class LiteralProblem(ValueError):
 
 
 def parse_default(kind: FieldType, text: str) -> Default:
-    """Return the default value of a field; raises `LiteralProblem`."""
+    """Return the default value of a field from its text; raises `LiteralProblem` for an invalid value."""
     if kind.is_message:
         raise LiteralProblem(f'a field of type "{kind}" cannot have a default')
     if kind.arity is Arity.SCALAR:
@@ -57,16 +58,16 @@ def parse_default(kind: FieldType, text: str) -> Default:
 
 
 def parse_scalar(kind: FieldType, text: str) -> Scalar:
-    """Return the value of a constant, a scalar field or an array element; raises `LiteralProblem`."""
+    """Return the value of a constant, scalar field or array element from its text; raises `LiteralProblem`."""
     value = file_scalar(kind, text)
     # The bound counts characters of the file, with escapes.
     return _through_idl(_check_bound(kind, value)) if isinstance(value, str) else value
 
 
 def file_scalar(kind: FieldType, text: str) -> Scalar:
-    """Return the value of a constant or default as the file has it, before IDL; raises `LiteralProblem`.
+    """Return the value of a constant or default as the file has it, before rosidl's conversion to IDL.
 
-    Bounds of strings are not checked.
+    Bounds of strings are not checked. Raises `LiteralProblem` if the text is not a value of the type.
     """
     if kind.is_string:
         return _unquote(text)
@@ -145,7 +146,7 @@ def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
 
 
 def split_strings(text: str) -> list[str]:
-    """Return the elements of a list of strings without its brackets; raises `LiteralProblem`."""
+    """Return the elements of a list of strings, given without brackets; raises `LiteralProblem` for an invalid list."""
     values: list[str] = []
     position = 0
     while position < len(text):
@@ -169,10 +170,10 @@ def split_strings(text: str) -> list[str]:
 
 
 def _quoted(text: str, start: int) -> tuple[str, int]:
-    """Return the quoted value at `start` and the position after it.
+    """Return the quoted string at `start` and the position after it; raises `LiteralProblem` without closing quote.
 
-    Quirks of rosidl: it misses a quote directly after an escaped quote, and from the second escaped quote on
-    measures the length from the last one.
+    Quirks of rosidl: it misses a quote directly after an escaped quote, and from the second escaped quote on measures
+    the length from the last one.
     """
     quote = text[start]
     position, skipped = start, 0
@@ -201,14 +202,17 @@ def _through_idl(value: str) -> str:
 
 
 def _known_escape(found: re.Match[str]) -> str:
-    """Return an escape that Python's `unicode_escape` supports; for another one, text that it does not warn about."""
+    """Return an escape that `unicode_escape` supports unchanged; double the backslash of any other escape.
+
+    Raises `LiteralProblem` for an octal escape above 0o377.
+    """
     if len(found[1]) == 3:
         raise LiteralProblem(f"expected an octal escape up to \\377, found {found[0]}")
     return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]
 
 
 def python_value(text: str) -> object:
-    """Return the value of the text of a Python literal; None if the text is not a literal."""
+    """Return the value of a Python literal; None if the text is not a Python literal."""
     try:
         return literal_eval(_PYTHON_ESCAPE.sub(_quiet_escape, text))
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -216,7 +220,7 @@ def python_value(text: str) -> object:
 
 
 def _quiet_escape(found: re.Match[str]) -> str:
-    """Return the escape in a form for which Python does not warn."""
+    """Return an escape of a Python string literal in a form for which Python does not warn."""
     return f"\\u{int(found[1], 8):04x}" if len(found[1]) == 3 else _known_escape(found)
 
 

@@ -1,4 +1,4 @@
-"""Error texts for packages and interfaces that are not on the search path, with their location and the reason."""
+"""Error texts for packages and interfaces missing on the search path: where they are, and why they are not found."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 MAX_FOLDERS = 2000
-"""Maximum folders to visit for an error text: 0.1 s; more would delay the error in a large home folder."""
+"""Maximum folders that are searched for an error text, which takes 0.1 s; a large home folder has many more."""
 _NOT_SOURCES = ("build", "install", "log", "node_modules", "site-packages")
 
 
 class _Place(NamedTuple):
-    """The folder of a package; `mark` is the file because of which a search ignores it."""
+    """Folder of a package; `mark` is the marker file that makes the search ignore the folder, or None."""
 
     folder: Path
     mark: Path | None
@@ -34,7 +34,7 @@ class _Place(NamedTuple):
 
 
 def missing_package(search: SearchPath, package: str, subject: str, type_name: str = "") -> str:
-    """Return an error text for a package that the search path lacks, which begins with `subject`.
+    """Return an error text, beginning with `subject`, for a package that the search path lacks.
 
     `type_name` is the full name of the interface that was requested; empty for the whole package.
     """
@@ -67,7 +67,10 @@ def missing_package(search: SearchPath, package: str, subject: str, type_name: s
 
 
 def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
-    """Return an error text for an interface that the search path lacks; starts with `subject` if the package exists."""
+    """Return an error text for an interface that the search path lacks.
+
+    The text starts with `subject` if the package exists, otherwise it is about the missing package.
+    """
     package = search.packages.get(name.package)
     if package is None and name.package not in search.refused:
         return missing_package(search, name.package, f'no package "{name.package}" for {name}', str(name))
@@ -78,7 +81,7 @@ def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
 
 
 def _find(root: Path, package: str) -> _Place | None:
-    """Return the folder of a package below another folder, preferably one that a search uses."""
+    """Return the folder of a package below `root`; of several, preferably one that a search does not ignore."""
     found: list[_Place] = []
     waiting: list[tuple[Path, Path | None]] = [(root, None)]
     for folder, above in waiting:  # grows inside the loop

@@ -1,8 +1,8 @@
-"""Contents of interface files as plain values, diagnostics about them, and the messages that ROS derives from services
-and actions (docs/internals/protocol.md 1.6).
+"""Definitions of interfaces as plain values, and diagnostics about them.
 
 `interface_parser` builds these values, `registry` checks the references. Types of fields have full names
-(``pkg/msg/Name``).
+(``pkg/msg/Name``). The messages that ROS derives from services and actions are included
+(docs/internals/protocol.md 1.6).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
-"""Maximum diagnostics of a file: a suggestion costs more time than reading the line."""
+"""Maximum diagnostics for one file: computing a suggestion takes longer than reading the line."""
 SECTIONS: dict[str, tuple[str, ...]] = {
     "msg": ("",),
     "srv": ("Request", "Response"),
     "action": ("Goal", "Result", "Feedback"),
 }
-"""Suffixes of the messages that an interface file defines, by kind."""
+"""Name suffixes of the messages that an interface file defines, by kind (msg, srv, action)."""
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
 _UUID = "unique_identifier_msgs/msg/UUID"
@@ -33,15 +33,15 @@ IMPLIED = {
     "srv": ("service_msgs",),
     "action": ("unique_identifier_msgs", "builtin_interfaces", "action_msgs", "service_msgs"),
 }
-"""Packages that every interface of a kind depends on, though its file does not name them."""
+"""Packages on which every interface of a kind depends, although its file does not name them."""
 DERIVED_TYPES_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
-"""Packages of the types that derived messages refer to; type descriptions may lack them."""
+"""Packages with the types that derived messages refer to; type descriptions may lack these types."""
 _Fields = Sequence[tuple[str, FieldType, str]]
-"""Name, type and comment of fields."""
+"""Name, type and comment of each field of a derived message."""
 
 
 class SyntaxProblem(Exception):
-    """A definition breaks a rule of its language; `line` and `column` are 1-based."""
+    """Error of a definition that breaks a rule of its language; `line` and `column` are 1-based."""
 
     def __init__(self, line: int, column: int, text: str) -> None:
         self.line = line
@@ -51,19 +51,22 @@ class SyntaxProblem(Exception):
 
 
 class Token(NamedTuple):
-    """A lexical token with its 1-based position."""
+    """Lexical token of a definition file, with its 1-based position."""
 
     text: str
     line: int
     column: int
 
     def problem(self, text: str) -> SyntaxProblem:
-        """Return an exception for the token."""
+        """Return a `SyntaxProblem` with this text at the token's position."""
         return SyntaxProblem(self.line, self.column, text)
 
 
 class SourceText(NamedTuple):
-    """The text of a definition with the path for display; the format is msg, srv, action, idl, or ``implicit``."""
+    """Text of a definition with its path for display; the format is msg, srv, action, idl, or ``implicit``.
+
+    The text of ``implicit``, which type descriptions without a source have, is empty.
+    """
 
     path: str
     text: str
@@ -71,21 +74,21 @@ class SourceText(NamedTuple):
 
 
 class Location(NamedTuple):
-    """A position in a source; line and column are 1-based."""
+    """Position in the text of a definition; line and column are 1-based."""
 
     source: SourceText
     line: int
     column: int
 
     def diagnostic(self, text: str) -> Diagnostic:
-        """Return a diagnostic for the location, with the source line for the caret."""
+        """Return a diagnostic with this text at the location; it includes the source line, for display with a caret."""
         lines = self.source.text.splitlines()
         line = lines[self.line - 1].replace("\t", " ") if 0 < self.line <= len(lines) else ""
         return Diagnostic(self.source.path, self.line, self.column, text, line)
 
 
 class FieldDef(NamedTuple):
-    """A field; `default` is a tuple for arrays, `unit` the text in brackets of the comment."""
+    """Definition of a field; `default` is a tuple for arrays, `unit` the text in brackets in the comment."""
 
     name: str
     type: FieldType
@@ -96,7 +99,7 @@ class FieldDef(NamedTuple):
 
 
 class ConstantDef(NamedTuple):
-    """A constant; `type` is a primitive or an unbounded string."""
+    """Definition of a constant, whose type is a primitive or an unbounded string."""
 
     name: str
     type: FieldType
@@ -107,7 +110,7 @@ class ConstantDef(NamedTuple):
 
 
 class MessageDef(NamedTuple):
-    """A message: from a .msg file, a section of another file, or derived."""
+    """Definition of a message: from a .msg file, from a section of another file, or derived."""
 
     name: RosName
     fields: tuple[FieldDef, ...]
@@ -117,7 +120,7 @@ class MessageDef(NamedTuple):
 
 
 class ServiceDef(NamedTuple):
-    """A service; the event message is derived (docs/internals/protocol.md 1.6)."""
+    """Definition of a service; its event message is derived from the sections (docs/internals/protocol.md 1.6)."""
 
     name: RosName
     request: MessageDef
@@ -135,7 +138,7 @@ class ServiceDef(NamedTuple):
 
 
 class ActionDef(NamedTuple):
-    """An action; feedback message and the two services are derived (docs/internals/protocol.md 1.6)."""
+    """Definition of an action; its feedback message and two services are derived (docs/internals/protocol.md 1.6)."""
 
     name: RosName
     goal: MessageDef
@@ -159,17 +162,17 @@ Interface = MessageDef | ServiceDef | ActionDef
 
 
 def messages_of(interface: Interface) -> tuple[MessageDef, ...]:
-    """Return the messages of an interface, dependencies first."""
+    """Return all messages of an interface, with derived messages after the messages that they refer to."""
     return (interface,) if isinstance(interface, MessageDef) else interface.messages
 
 
 def sections_of(interface: Interface) -> tuple[MessageDef, ...]:
-    """Return the messages that the file of an interface defines, without derived ones."""
+    """Return the messages that the file of an interface defines; derived messages are not included."""
     return (interface,) if isinstance(interface, MessageDef) else interface.sections
 
 
 def nested_types(interface: Interface) -> set[str]:
-    """Return the full names of the types of an interface's fields, without its own messages."""
+    """Return the full names of the message types in an interface's fields, except for the interface's own messages."""
     own = {str(message.name) for message in messages_of(interface)}
     fields = (item for message in messages_of(interface) for item in message.fields)
     return {item.type.base for item in fields if item.type.is_message} - own
@@ -183,7 +186,7 @@ class Diagnostics:
     _counts: dict[str, int] = field(default_factory=dict)
 
     def add(self, location: Location, text: str) -> None:
-        """Add a diagnostic, unless the file has too many."""
+        """Add a diagnostic at a location; from `MAX_PROBLEMS` diagnostics of a file on, further ones are dropped."""
         path = location.source.path
         count = self._counts[path] = self._counts.get(path, 0) + 1
         if count <= MAX_PROBLEMS:
@@ -197,17 +200,17 @@ class Diagnostics:
 
 
 def derived_name(name: RosName, suffix: str) -> RosName:
-    """Return the name of a derived message: ``pkg/srv/X`` and ``Request`` -> ``pkg/srv/X_Request``."""
+    """Return the name of a message of a service or action: ``pkg/srv/X`` and ``Request`` -> ``pkg/srv/X_Request``."""
     return RosName(name.package, name.kind, f"{name.name}_{suffix}")
 
 
 def section_names(name: RosName, kind: str) -> list[RosName]:
-    """Return the names of the messages that the file of an interface defines."""
+    """Return the names of the messages that the file of an interface of a kind (msg, srv, action) defines."""
     return [derived_name(name, suffix) if suffix else name for suffix in SECTIONS[kind]]
 
 
 def service(name: RosName, request: MessageDef, response: MessageDef, source: SourceText) -> ServiceDef:
-    """Return a service with its event message."""
+    """Return a service definition of a request and response, with the derived event message."""
     pair = [("request", str(request.name)), ("response", str(response.name))]
     event = _message(
         derived_name(name, "Event"),
@@ -225,7 +228,7 @@ def service(name: RosName, request: MessageDef, response: MessageDef, source: So
 
 
 def action(name: RosName, goal: MessageDef, result: MessageDef, feedback: MessageDef, source: SourceText) -> ActionDef:
-    """Return an action with its feedback message and its two services."""
+    """Return an action definition of its sections, with the derived feedback message and services."""
     goal_id = ("goal_id", FieldType(_UUID), "ID of the goal.")
     send_goal = _service(
         derived_name(name, "SendGoal"),
@@ -255,7 +258,7 @@ def action(name: RosName, goal: MessageDef, result: MessageDef, feedback: Messag
 
 
 def assemble(name: RosName, messages: list[MessageDef], source: SourceText) -> Interface:
-    """Return the interface of one message, two sections of a service, or three of an action."""
+    """Return the interface of its messages: one is a message, two are a service's sections, three an action's."""
     match messages:
         case [message]:
             return message

@@ -1,11 +1,11 @@
-"""Parser of a .msg section: from its lines to a message (docs/internals/protocol.md 1.3).
+"""Parser of a .msg file, or of a section in .msg notation: from its lines to a message.
 
 The language of a field or constant is regular, so a table defines it: the pattern of each token, and the tokens that
 may follow. Spaces separate type, name and default, so they are tokens, too. Names and values are checked later, where
-an error can state the rule.
+an error can state the rule. Rules: docs/internals/protocol.md 1.3.
 
-Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the
-line a constant, blanks before an element are an error.
+Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the line a
+constant, blanks before an element are an error.
 """
 
 from __future__ import annotations
@@ -59,16 +59,19 @@ FOREIGN_TYPES = {
     "uint": "uint32 or uint64",
     **{word: word for word in _TYPES},
 }
-"""Types of IDL, C++ and Python in lower case, with the .msg types to use instead."""
+"""Type names of IDL, C++ and Python in lower case, each with the .msg type that an error suggests instead."""
 _OPTIONAL = re.compile(r"@optional +(?=[^ ])")
 _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 _MAX_SIZE_DIGITS = 20
 _MAX_SIZE = 2**64 - 1
-"""Maximum capacity: uint64 in a type description."""
+"""Maximum size or bound in a type: a type description stores it as uint64."""
 
 
 class _Rule(NamedTuple):
-    """Pattern of a token, its name in errors, and the tokens that may follow: no two of them begin alike."""
+    """Grammar rule of a token in a .msg line: its pattern, its name in errors, and the tokens that may follow.
+
+    No two of the tokens that may follow begin alike.
+    """
 
     pattern: str
     display: str
@@ -98,14 +101,14 @@ _RULES = {
 _FOLLOWING = {
     kind: re.compile("|".join(f"({_RULES[one].pattern})" for one in rule.following)) for kind, rule in _RULES.items()
 }
-"""Pattern of the tokens that may follow a token: one group for each."""
+"""Patterns that match any token that may follow a token; each possible token has one group."""
 
 
 def parse_element(text: str, line: int, start: int = 0) -> dict[str, Token]:
-    """Return the tokens of an element line by their kinds; raises `SyntaxProblem`.
+    """Return the tokens of the line of a field or constant, by token kind; raises `SyntaxProblem`.
 
-    ``member`` is the name of a type after its package, which is ``type`` then. A constant has ``equals``, and ``value``
-    unless it is empty.
+    A type with a package has the package as ``type`` and the name as ``member``. A constant has ``equals``, and
+    ``value`` unless the value is empty.
     """
     tokens: dict[str, Token] = {}
     kind, position = "start", start
@@ -134,9 +137,9 @@ def _problem(kind: str, text: str, line: int, position: int) -> SyntaxProblem:
 def parse_section(
     name: RosName, lines: Sequence[str], first_line: int, source: SourceText, diagnostics: Diagnostics
 ) -> MessageDef:
-    """Return the message of a whole .msg, or of one section of a .srv or .action, without lines that have a problem.
+    """Return the message of a .msg, or of one section of a .srv or .action; lines with problems are skipped.
 
-    `first_line` is the 1-based number of the first line in the file.
+    The problems are added to `diagnostics`. `first_line` is the 1-based number of the first line in the file.
     """
     lines = [line.replace("\t", " ") for line in lines]
     count = next((index for index, line in enumerate(lines) if not line.startswith("#")), len(lines))
@@ -153,7 +156,7 @@ def parse_section(
 
 
 class _Section:
-    """The elements of a section; indented comment lines after an element extend the comment of the element."""
+    """Fields and constants of a section; indented comment lines after an element extend the element's comment."""
 
     def __init__(self, name: RosName, source: SourceText, diagnostics: Diagnostics) -> None:
         self._name, self._source, self._diagnostics = name, source, diagnostics
@@ -298,7 +301,7 @@ def _check_duplicates(elements: Sequence[FieldDef | ConstantDef], diagnostics: D
 
 
 def _cut_unit(lines: list[str]) -> tuple[list[str], str]:
-    """Return comment lines without their unit in brackets, and the unit; empty unless there is exactly one."""
+    """Return comment lines without the unit in brackets, and the unit; "" unless the comment has exactly one unit."""
     units = _UNIT.findall("\n".join(lines))
     if len(units) != 1:
         return lines, ""
@@ -306,7 +309,7 @@ def _cut_unit(lines: list[str]) -> tuple[list[str], str]:
 
 
 def _tidy(lines: list[str]) -> tuple[str, ...]:
-    """Dedent comment lines, and drop blank lines at both ends and after other blank lines."""
+    """Return dedented comment lines without blank lines at both ends and without repeated blank lines."""
     tidy: list[str] = []
     for line in map(str.rstrip, lines):
         if line or (tidy and tidy[-1]):

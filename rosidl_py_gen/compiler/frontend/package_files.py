@@ -16,18 +16,19 @@ if TYPE_CHECKING:
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators|interface_packages)\b", re.IGNORECASE)
 IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
 BUILD_TREE_MARKERS = ("pyvenv.cfg", "CMakeCache.txt")
-"""Files that mark a virtual environment or a build folder, which contains copies of packages."""
+"""Marker files of virtual environments and build folders, which contain copies of packages and are skipped."""
 _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
-"""Maximum size of a CMakeLists.txt or another file of a package."""
+"""Maximum size in bytes of a CMakeLists.txt or another file that is read from a package."""
 MAX_FOLDER_DEPTH = 100
 """Maximum depth of folders of a package: the time to reach a folder grows with its depth."""
 _MAX_ENTRIES = 100_000
-"""Maximum files and folders below a package folder, so that a wrong folder does not take minutes."""
+"""Maximum files and folders below a package folder; the limit stops the search of a wrong folder, such as a home
+folder."""
 
 
 class UnreadableError(RosidlError):
-    """A file or folder of a package cannot be read or parsed; `offset` is the position in the file's text."""
+    """Error of a package's file or folder that cannot be read; `offset` is the position in the file's text, or -1."""
 
     def __init__(self, reason: str, offset: int = -1) -> None:
         super().__init__(reason)
@@ -35,7 +36,7 @@ class UnreadableError(RosidlError):
 
 
 def mentions_interfaces(folder: Path) -> bool:
-    """Return True if there is a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
+    """Return True if a folder has a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
     for name in ("CMakeLists.txt", "package.xml"):
         note(folder / name)
         if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
@@ -50,7 +51,10 @@ def mentions_interfaces(folder: Path) -> bool:
 
 
 def interface_name(package: str, path: str) -> RosName | None:
-    """Return the interface that a file defines, by its suffix or the folder of an .idl; None for another file."""
+    """Return the name of the interface that a file defines, from suffix and folder; None for other files.
+
+    The kind of an .idl file is the name of its folder.
+    """
     holder, file = os.path.split(path)
     stem, suffix = os.path.splitext(file)
     kind = os.path.basename(holder) if suffix == ".idl" else suffix[1:]
@@ -58,7 +62,7 @@ def interface_name(package: str, path: str) -> RosName | None:
 
 
 def is_of_package(folder: Path, path: str) -> bool:
-    """Return True if a file is in the package: only files in msg, srv and action may be links to other folders."""
+    """Return True if a file belongs to the package: only files in msg, srv and action may be links to outside."""
     return os.path.dirname(path) in KINDS or _is_inside(folder, path)
 
 
@@ -68,7 +72,7 @@ def _is_inside(folder: Path, path: str) -> bool:
 
 
 def files_below(folder: Path) -> list[str]:
-    """Return the files of a package by their sorted paths below its folder; raises `UnreadableError`.
+    """Return the sorted paths of a package's files, relative to its folder; raises `UnreadableError`.
 
     Hidden files, the folders ``build``, ``install`` and ``log``, ignored folders and other packages are skipped. Links
     to folders are followed only for msg, srv and action of the package itself.
@@ -104,7 +108,7 @@ def files_below(folder: Path) -> list[str]:
 
 
 def read_text(folder: Path, name: str) -> str:
-    """Return the text of a file of the package. Raises `UnreadableError`."""
+    """Return the text of a file of a package; raises `UnreadableError` for a missing, too large or outside file."""
     note(folder / name)
     try:
         if not _is_inside(folder, name):

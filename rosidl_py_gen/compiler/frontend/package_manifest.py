@@ -1,7 +1,7 @@
-"""Name, version and build type in a package.xml, which may be malformed.
+"""Reader of name, version and build type in a package.xml, which may be malformed.
 
-A malformed file has as much of them as can be read, so that one file does not end the search of a workspace. The time
-is linear in the size of the file.
+Values of a malformed file are returned as far as they can be read, so that one file does not end the search of a
+workspace. The time is linear in the size of the file.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ _START = re.compile(r"<(name|version|build_type)(?=[\s>])")
 
 
 class ManifestValues(NamedTuple):
-    """Values of a package.xml; empty if they are missing.
+    """Name, version and build type of a package.xml; missing values are empty.
 
     Attributes:
-        build_type: not the type of ROS 1: packages for both have one with the condition `$ROS_VERSION == 1`.
+        build_type: the build type for ROS 2; types with the condition `$ROS_VERSION == 1` are skipped.
     """
 
     name: str = ""
@@ -26,7 +26,7 @@ class ManifestValues(NamedTuple):
 
 
 def read_package_manifest(text: str) -> ManifestValues:
-    """Return the values of a package.xml."""
+    """Return name, version and build type from the text of a package.xml."""
     found: dict[str, str] = {}
     for tag, attributes, content in _elements(text):
         is_of_ros_1 = tag == "build_type" and "ROS_VERSION==1" in "".join(attributes.split())
@@ -36,7 +36,7 @@ def read_package_manifest(text: str) -> ManifestValues:
 
 
 def _elements(text: str) -> Iterator[tuple[str, str, str]]:
-    """Yield tag, attributes and text of each element of a known tag."""
+    """Yield tag, attributes and text of each XML element whose tag the reader knows."""
     text = _without_comments(text)
     position = 0
     while start := _START.search(text, position):

@@ -1,7 +1,7 @@
-"""Selections with problems: the interfaces that can be generated nevertheless.
+"""Selection of the interfaces that can be generated although others have problems.
 
-An interface is skipped if its own file has problems, or if it needs a skipped one; the latter gets a diagnostic with
-the cause.
+An interface is skipped if its own file has problems, or if it needs a skipped interface. In the second case it gets a
+diagnostic with the cause.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def drop_unused_invalid_files(
     registry: InterfaceRegistry, names: list[RosName], wanted: Container[str]
 ) -> list[RosName]:
-    """Skip invalid files that nothing refers to, if CMakeLists.txt does not list the interfaces.
+    """Return the names without invalid files that no interface refers to, if CMakeLists.txt does not list the files.
 
     The diagnostics of skipped files become notes of their package. If this would skip all files of a package, none is
     skipped.
@@ -62,7 +62,7 @@ def drop_unused_invalid_files(
 
 
 def split_valid(registry: InterfaceRegistry, names: list[RosName]) -> tuple[list[RosName], list[Diagnostic]]:
-    """Return the valid interfaces of a checked selection, and a diagnostic for each that only needs a wrong one."""
+    """Return the usable interfaces of a checked selection, and diagnostics for those that only need an invalid one."""
     wrong = _with_problems(registry, names)
     if not wrong:
         return names, []
@@ -87,7 +87,7 @@ def _with_problems(registry: InterfaceRegistry, names: list[RosName]) -> list[Ro
 
 
 def _users(registry: InterfaceRegistry, names: list[RosName]) -> dict[RosName, dict[RosName, FieldDef]]:
-    """Return the interfaces that need an interface, each with the first field of the type."""
+    """Return by interface the interfaces that use it, each with its first field of that type."""
     users: dict[RosName, dict[RosName, FieldDef]] = {}
     for name in names:
         interface = registry.interface(name)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 _COMMON_PACKAGES = ("std_msgs", "builtin_interfaces", "geometry_msgs")
-"""Packages that are suggested before others: in ROS 1, types of the first two have no package."""
+"""Packages whose types are suggested first for unknown types: in ROS 1, types of the first two need no package."""
 _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMessage|SendGoal|GetResult)\Z")
 
 
@@ -62,13 +62,16 @@ class InterfaceRegistry:
         self._missing: set[tuple[str, str]] = set()
 
     def is_first_report(self, path: str, package: str) -> bool:
-        """Return True for the first call with a file and a missing package: a file reports each once."""
+        """Return True for the first call with a file and a missing package, so that a file reports a package once."""
         is_new = (path, package) not in self._missing
         self._missing.add((path, package))
         return is_new
 
     def add_text(self, name: RosName, source: SourceText) -> Interface | None:
-        """Parse a text that is not from the search path; it hides a file of the same name."""
+        """Parse and add an interface whose text is not from the search path; it hides a file of the same name.
+
+        Returns None, after a diagnostic, if the text cannot be used.
+        """
         return self.add(name, parse_interface(name, source, self.diagnostics))
 
     def add(self, name: RosName, interface: Interface | None) -> Interface | None:
@@ -77,7 +80,7 @@ class InterfaceRegistry:
         return self._store(name, interface)
 
     def interface(self, name: RosName) -> Interface | None:
-        """Return an interface; None if there is no file, or the file has problems (see `diagnostics`)."""
+        """Return an interface; None if it has no file, or its file has problems, which are then in `diagnostics`."""
         if name not in self._interfaces:
             path = self.search.file(name)
             source = read_source(path, display_path(path), self.diagnostics) if path else None
@@ -89,15 +92,15 @@ class InterfaceRegistry:
         return self._interfaces[name]
 
     def exists(self, name: RosName) -> bool:
-        """Return True if there is a file or text of this name, even if it has problems."""
+        """Return True if an interface of this name has a file or an added text, even with problems."""
         return name in self._texts or self.search.file(name) is not None
 
     def has_package(self, package: str) -> bool:
-        """Return True if there is a file or text of the package."""
+        """Return True if any interface of the package has a file or an added text."""
         return package in self.search.packages or any(name.package == package for name in self._texts)
 
     def message(self, full_name: str) -> MessageDef | None:
-        """Return a message by full name, which may be derived (``pkg/srv/X_Request``)."""
+        """Return a message by full name, also a derived one (``pkg/srv/X_Request``); None if it does not exist."""
         if full_name not in self._messages:
             name = split_ros_name(full_name)
             self.interface(name)
@@ -108,7 +111,7 @@ class InterfaceRegistry:
         return self._messages.get(full_name)
 
     def knows(self, full_name: str) -> bool:
-        """Return True if there is a valid message, service or action of this name."""
+        """Return True if a valid message, service or action has this full name."""
         try:
             tuple(self.field_rows(full_name))
         except TypeNotFoundError:
@@ -116,7 +119,7 @@ class InterfaceRegistry:
         return True
 
     def owner(self, name: RosName) -> RosName | None:
-        """Return the interface of a name: X for a derived name such as ``X_Request``; None if there is no interface."""
+        """Return the interface that defines a name: X for a derived name such as ``X_Request``; None if none does."""
         stem = name.name
         while not self.exists(name._replace(name=stem)):
             stem, underscore, _ = stem.rpartition("_")
@@ -125,7 +128,11 @@ class InterfaceRegistry:
         return name._replace(name=stem)
 
     def field_rows(self, full_name: str) -> Iterable[FieldRow]:
-        """Return the fields of a message, service or action for a type description; raises `TypeNotFoundError`."""
+        """Return the fields of a message, service or action as rows for a type description.
+
+        Raises:
+            TypeNotFoundError: no interface has this name.
+        """
         message = self.message(full_name)
         if message is not None:
             return [(item.name, item.type, default_text(item.default)) for item in message.fields]
@@ -141,15 +148,15 @@ class InterfaceRegistry:
         return self._hashes.of(full_name)
 
     def all_hashes(self, full_name: str) -> dict[str, str]:
-        """Return the RIHS01 hashes of a type and of the types that it refers to, by name."""
+        """Return the RIHS01 hashes of a type and of all types that it refers to, by full name."""
         return {name: self.type_hash(name) for name in self.closure(full_name)}
 
     def closure(self, full_name: str) -> list[str]:
-        """Return the name of a type, then the sorted names of the types that it refers to."""
+        """Return the full name of a type, followed by the sorted names of the types that it refers to."""
         return [*individual_descriptions(build_type_description(full_name, self.field_rows))]
 
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
-        """Return the full description of a type with defaults, and the constants of all its types, by their `repr`."""
+        """Return a type's description with defaults, and by type name the `repr` of each constant of all its types."""
         description = build_type_description(full_name, self.field_rows)
         found = {name: self.message(name) for name in individual_descriptions(description)}
         return description, {
@@ -165,9 +172,11 @@ class InterfaceRegistry:
 
 
 def resolve_name(search: SearchPath, text: str) -> RosName:
-    """Return the interface of a text: ``pkg/msg/Name``, ``pkg/Name`` of any kind, or ``Name`` if one package has it.
+    """Return the interface that a user's text names: ``pkg/msg/Name``, ``pkg/Name``, or ``Name`` of a single package.
 
-    Raises `InvalidNameError`, and `TypeNotFoundError` if several interfaces have the name.
+    Raises:
+        InvalidNameError: the text is not a valid name.
+        TypeNotFoundError: several interfaces have the name.
     """
     if "/" in text:
         kinds = (kind for kind in KINDS if search.file(split_ros_name(text, kind)) is not None)
@@ -179,15 +188,18 @@ def resolve_name(search: SearchPath, text: str) -> RosName:
 
 
 def split_filter(text: str) -> list[str]:
-    """Return the names of a filter such as ``a:b;c``."""
+    """Return the names in a filter such as ``a:b;c``, which are separated by colons, semicolons or commas."""
     return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
 
 
 def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
-    """Return the interfaces of a filter with their dependencies, in name order; raises `DefinitionError`.
+    """Return the interfaces that names select, with their dependencies, in name order.
 
     A package name selects the whole package and the packages that it depends on. A full name selects one interface and
-    the interfaces that it depends on. An empty filter selects all packages.
+    the interfaces that it depends on. An empty list selects all packages.
+
+    Raises:
+        DefinitionError: a name is not on the search path.
     """
     names, problems = select_valid_names(registry, wanted)
     if problems:
@@ -196,7 +208,7 @@ def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
 
 
 def select_valid_names(registry: InterfaceRegistry, wanted: list[str]) -> tuple[list[RosName], list[Diagnostic]]:
-    """Return the interfaces of `select` for the valid names of a filter, and the problems of the other names."""
+    """Return the interfaces that the valid names of a filter select, and diagnostics for the invalid names."""
     search = registry.search
     whole: dict[str, None] = {}
     single: dict[RosName, None] = {}
@@ -247,7 +259,7 @@ def _dependencies(registry: InterfaceRegistry, name: RosName) -> list[RosName]:
 
 
 def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
-    """Report references to types that do not exist, and types that contain themselves or are too large."""
+    """Add diagnostics for references to unknown types, and for types that contain themselves or are too large."""
     state: dict[str, int] = {}  # depth of the visited types; -1 during the visit
     sizes = SizeChecker(registry.diagnostics)
     for name in names:
@@ -261,7 +273,7 @@ def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
 def _visit(
     registry: InterfaceRegistry, message: MessageDef, state: dict[str, int], sizes: SizeChecker, level: int = 1
 ) -> int:
-    """Check a message and the messages that it contains, and return the depth of its types."""
+    """Check a message and the messages that it contains, and return the number of levels of types below it."""
     name = str(message.name)
     if name in state:
         return state[name]
@@ -308,7 +320,7 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
 
 
 def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> str:
-    """Return a suggestion for a type that its package lacks; never the message that has the field."""
+    """Return a suggestion for a type that its package lacks, never `user`, the message with the field; "" if none."""
     packages = registry.search.packages
     used = [one for one in (_COMMON_PACKAGES + tuple(packages)) if one in packages and one != name.package]
     others = [f"{one}/{name.name}" for one in used if RosName(one, "msg", name.name) in packages[one].files]
@@ -321,7 +333,7 @@ def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> st
 
 
 def type_location(item: FieldDef) -> Location:
-    """Return the location of a field's type: column 1 in a .msg; the member's name in an .idl."""
+    """Return the location of a field's type: column 1 in a .msg; the field's name in an .idl."""
     return item.location if item.location.source.format == "idl" else item.location._replace(column=1)
 
 
@@ -332,9 +344,11 @@ def raise_diagnostics(registry: InterfaceRegistry) -> None:
 
 
 def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
-    """Read and check an interface, and return its name; X for a derived name such as ``X_Request``.
+    """Check an interface and return its name; X for a derived name such as ``X_Request``.
 
-    Raises `TypeNotFoundError`, and `DefinitionError` for problems of the interface or of a type that it uses.
+    Raises:
+        TypeNotFoundError: no interface has this name.
+        DefinitionError: the interface or a type that it uses has problems.
     """
     owner = registry.owner(name)
     if owner is None:
@@ -347,5 +361,5 @@ def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
 
 
 def sorted_diagnostics(problems: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Return each diagnostic once, in file and line order."""
+    """Return the diagnostics without duplicates, sorted by file, line and column."""
     return sorted(dict.fromkeys(problems), key=lambda problem: (problem.path, problem.line, problem.column))

@@ -1,8 +1,8 @@
 """Search for interface packages and their files.
 
-Of packages with one name, the first is used: from the folders of the caller, the prefixes of AMENT_PREFIX_PATH, wheels
-of message packages, and the bundled interfaces of a distribution. If the distribution was selected explicitly, its
-bundled interfaces follow directly after the folders of the caller.
+Of packages with the same name, the first is used: from the folders of the caller, the prefixes of AMENT_PREFIX_PATH,
+wheels of message packages, and the bundled interfaces of a distribution. If the distribution was selected explicitly,
+its bundled interfaces follow directly after the folders of the caller.
 
 The search reads only directory entries and names in package.xml; interface files and CMakeLists.txt are opened later. A
 folder msg, srv or action without interface files is not a package: Python packages and C++ headers have such folders.
@@ -36,17 +36,18 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 INSTALLED = "installed"
-"""The origin of packages that pip installed."""
+"""Value of `Package.origin` for packages that pip installed."""
 BUNDLED = "bundled"
-"""The origin of the bundled packages."""
+"""Value of `Package.origin` for packages bundled with the product."""
 _MAX_DEPTH = 100
-"""Maximum depth of packages; deeper folders would exceed Python's limit of recursion, and no workspace has them."""
+"""Maximum depth of folders that are searched for packages; deeper folders would exceed Python's limit of recursion, and
+no workspace has them."""
 _MAX_XML_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class Package:
-    """An interface package.
+    """Interface package on the search path.
 
     Attributes:
         origin: the search path entry that contains the package, for display.
@@ -58,11 +59,11 @@ class Package:
     origin: str
     from_source: bool = False
     known_files: dict[RosName, Path] | None = None
-    """The interface files, if they are in several folders; None means the files of `folder`."""
+    """Interface files of the package if they are in several folders; None means the files of `folder`."""
 
     @cached_property
     def listing(self) -> CMakeInterfaceList | None:
-        """List of the package's CMakeLists.txt; None for an installed package or without a list."""
+        """Interface files that the package's CMakeLists.txt lists; None without such a list or if installed."""
         if not self.from_source or not mentions_interfaces(self.folder):
             return None
         # Not needed for installed packages.
@@ -72,18 +73,18 @@ class Package:
 
     @cached_property
     def files(self) -> dict[RosName, Path]:
-        """The interface files in name order."""
+        """Interface files of the package, in the order of their names."""
         if self.known_files is not None:
             return self.known_files
         return self._in_folders() if self.listing is None else self.listing.files
 
     def not_in_cmake_note(self, name: RosName) -> str:
-        """Return a note about an interface whose file exists, but is not in CMakeLists.txt; else an empty text."""
+        """Return an error note if the interface's file exists but CMakeLists.txt does not list it; else ""."""
         file = None if self.listing is None or name in self.files else self._in_folders().get(name)
         return f"; {name.kind}/{file.name} is there, but CMakeLists.txt does not list it" if file else ""
 
     def _in_folders(self) -> dict[RosName, Path]:
-        """Return the files in msg, srv and action; an .idl is hidden by another file of its name."""
+        """Return the files in the package's msg, srv and action folders; an .idl is hidden by a file of its name."""
         found: dict[RosName, Path] = {}
         for kind in KINDS:
             for entry in _entries(self.folder / kind):
@@ -97,11 +98,11 @@ class Package:
 
 @dataclass(frozen=True)
 class SearchPath:
-    """Packages that a search has found.
+    """Interface packages that a search has found.
 
     Attributes:
         packages: packages by name, in name order.
-        hidden: packages whose name an earlier entry has, for `--list`.
+        hidden: packages whose name an earlier entry of the search path has, too.
         searched: entries of the search path, for errors.
         refused: diagnostics of packages with an invalid name; an error only if such a package is requested.
     """
@@ -122,7 +123,7 @@ def scan_search_path(
     bundled: bool = True,
     distro: str | None = None,
 ) -> SearchPath:
-    """Search folders, ament prefixes, installed wheels and the bundled interfaces.
+    """Return the packages in folders, ament prefixes, installed wheels and the bundled interfaces.
 
     Args:
         folders: folders of packages, of one package, or ``src`` of colcon workspaces.
@@ -155,7 +156,11 @@ def scan_search_path(
 
 
 def holds_packages(folder: Path) -> bool:
-    """Return True if a folder contains a package with interfaces; raises as `scan_search_path`."""
+    """Return True if a folder contains a package with interfaces.
+
+    Raises:
+        DefinitionError: a folder or package.xml cannot be read.
+    """
     refused: dict[str, Diagnostic] = {}
     return bool([*_descend(folder, str(folder), refused, set())] or refused)
 
@@ -168,9 +173,10 @@ def _add_bundled(found: SearchPath, distro: str) -> None:
 
 
 def _installed() -> Iterator[Package]:
-    """Yield the packages of wheels: of this tool, then of ROS, whose wheels install into ``share`` of the prefix.
+    """Yield the interface packages that pip installed: wheels with entry points, then ROS packages of the prefix.
 
-    Only packages of the ament index are read: ``share`` of a system has thousands of other folders, and ROS 1 packages.
+    ROS packages install into ``share`` of the prefix. Only packages of the ament index are read: ``share`` of a system
+    has thousands of other folders, and ROS 1 packages.
     """
     names: set[str] = set()
     for package in _installed_by_entry_points():
@@ -213,7 +219,7 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
-    """Return the directory entries of a folder by name; none if it does not exist.
+    """Return the directory entries of a folder, sorted by name; [] if the folder does not exist.
 
     Raises `DefinitionError` for an unreadable folder: if it were ignored, definitions would be lost.
     """
@@ -229,7 +235,10 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 
 def holds_interfaces(folder: Path) -> bool:
-    """Return True if a folder for interfaces contains one, or is empty because the last one was removed."""
+    """Return True if a folder has a msg, srv or action folder that contains interfaces or is empty.
+
+    An empty folder counts because its last interface may have been removed.
+    """
     return any(_is_for_interfaces(folder / kind) for kind in KINDS)
 
 
@@ -296,7 +305,7 @@ def _descend(
 
 
 def package_name(manifest: Path, folder: Path) -> str:
-    """Return the name of a package in its package.xml, else the name of its folder."""
+    """Return the name of a package from its package.xml, or the folder's name; raises `DefinitionError` on failure."""
     note(manifest)
     text = ""
     try:

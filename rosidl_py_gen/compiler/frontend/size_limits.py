@@ -1,4 +1,4 @@
-"""Limits on the size of types.
+"""Limits on the size of interface types.
 
 A definition is untrusted, and a few hundred bytes can define a type of any size: by types that contain the next one
 twice, by fixed arrays, or by thousands of fields. The limits bound the time and memory of the compiler, the generated
@@ -16,29 +16,31 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, Location, MessageDef
 
 MAX_LEVELS = 100
-"""Maximum depth of nested types."""
+"""Maximum depth of types nested in a type."""
 MAX_ELEMENTS = 2000
 """Maximum elements of a definition: fields, constants and values of default arrays of all its messages. A nested
 message of few fields adds its fields, as they are emitted inline. CPython compiles the generated code of a definition
 at once, and takes up to 90 kB and 1 ms for each element: at most 200 MB and 2 s. The largest definition found in public
 packages has 898 elements, etsi_its_denm_ts_msgs/msg/LocationContainer."""
 MAX_FIELDS = 10_000
-"""Maximum fields of a type and all types that it refers to, each once. A nested message of few fields counts with its
-fields. The generated code takes up to 6 kB for each field while the process runs. The largest type found in public
-packages has 2928 fields, apollo_msgs/msg/Apollov2xCarStatus."""
+"""Maximum fields of a type and all types that it refers to, each type counted once. A nested message of few fields
+counts with its fields. The generated code takes up to 6 kB for each field while the process runs. The largest type
+found in public packages has 2928 fields, apollo_msgs/msg/Apollov2xCarStatus."""
 MAX_TYPES = 500
-"""Maximum types that a type refers to, at all levels: the hash of each covers all types that it refers to."""
+"""Maximum types that a type refers to, at all levels: hashing takes quadratic time, as the hash of each type covers all
+types that it refers to."""
 MAX_VALUES = 1 << 20
 """Maximum fields and elements of fixed arrays of strings and messages in a new message, which takes 0.5 s to create."""
 MAX_BYTES = 1 << 28
-"""Maximum bytes of fixed arrays of numbers in a new message."""
+"""Maximum bytes of all fixed arrays of numbers in a new message."""
 
 _MAX_INLINE_FIELDS = 48
-"""Fields up to which a nested message counts with its fields: at least `layout_planner.MAX_INLINE_FIELDS`."""
+"""Maximum fields of a nested message that counts with its fields, not as one: at least
+`layout_planner.MAX_INLINE_FIELDS`."""
 
 
 class _TypeSize(NamedTuple):
-    """Contribution of a type to the size of types that contain it."""
+    """Size that a type adds to the types that contain it."""
 
     values: int
     size: int
@@ -51,18 +53,18 @@ class _TypeSize(NamedTuple):
 _ELEMENTS = "fields (with the fields of nested messages), constants and default values"
 _ELEMENTS_CURE = "; split it into several messages, or use arrays"
 _UNKNOWN = _TypeSize(1, 1, 1, 0, 0, frozenset())
-"""Size of a type that has been reported: it does not exist or is too large."""
+"""Size assumed for a type that does not exist or is too large, which has a diagnostic already."""
 
 
 class SizeChecker:
-    """Sizes by type name; a type must be checked after the types that it refers to."""
+    """Checker of type sizes; a type must be checked after the types that it refers to."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self._diagnostics = diagnostics
         self._sizes: dict[str, _TypeSize] = {}
 
     def check(self, message: MessageDef) -> None:
-        """Compute the size of a message, and report the field or constant at which it exceeds a limit."""
+        """Compute the size of a message, and add a diagnostic at the field or constant that exceeds a limit."""
         values = size = inline_fields = other_fields = inline_elements = 0
         elements = len(message.constants)
         types: set[str] = set()
@@ -99,7 +101,7 @@ class SizeChecker:
         self._sizes[str(message.name)] = _TypeSize(*sizes, inline_elements, elements, frozenset(types))
 
     def check_interface(self, interface: Interface) -> None:
-        """Report an interface whose checked messages are together too large for one module."""
+        """Add a diagnostic if the checked messages of an interface are together too large for one module."""
         elements = 0
         for message in messages_of(interface):
             elements += self._sizes[str(message.name)].elements

@@ -1,8 +1,8 @@
-"""Interfaces from the type descriptions that nodes send.
+"""Conversion of the type descriptions that nodes send to interfaces.
 
 A description contains what the RIHS01 hash covers: names, types and the order of fields. Constants and comments are
-only in the source that may be sent with it, which is used if it has the same fields; the hash does not cover the rest
-of it. Both are untrusted: a description that no definition can have is refused, and the size is limited.
+only in the source that may be sent with it. The source is used if it has the same fields; the hash does not cover the
+rest of the source. Both are untrusted: a description that no definition can have is refused, and the size is limited.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
 MAX_TYPES = 500
 MAX_FIELDS = 5000
-"""Maximum fields of all types together."""
+"""Maximum fields of all types of a description together."""
 MAX_OF_ONE = 1000
-"""Maximum fields of one type: CPython takes 0.2 s for its class, and far more than twice the time for twice the fields.
-"""
+"""Maximum fields of one type of a description: CPython takes 0.2 s for its class, and far more than twice the time for
+twice the fields."""
 MAX_TEXT = 1 << 18
-"""Maximum characters of all sources together, and of all default values; more are ignored."""
+"""Maximum characters of all sources of a description together, and of all its default values together; if there are
+more, the sources, or the further default values, are ignored."""
 
 Sources = Mapping[str, tuple[str, str]]
 """Type name -> encoding (``msg``, ``srv``, ``action``, ``idl``, ``implicit``) and text."""
@@ -54,7 +55,7 @@ _BASES |= {number: name for name, number in STRINGS.items()} | dict(zip(_BOUNDED
 
 
 def written_messages(name: RosName, is_service: bool) -> tuple[str, ...]:
-    """Return the messages from which all others of an interface are derived."""
+    """Return the names of the messages that an interface's file defines; its other messages are derived from them."""
     is_action = name.kind == "action" and "_" not in name.name
     return tuple(map(str, section_names(name, "srv" if is_service else "action" if is_action else "msg")))
 
@@ -62,11 +63,12 @@ def written_messages(name: RosName, is_service: bool) -> tuple[str, ...]:
 def registry_from_descriptions(
     name: RosName, individuals: Mapping[str, Description], sources: Sources, is_service: bool = False
 ) -> InterfaceRegistry:
-    """Return a checked registry of an interface and all types that it refers to.
+    """Return a checked registry with the interface `name` and all types that it refers to.
 
     Args:
-        individuals: descriptions of single types by name; others than the needed ones are ignored.
-        sources: texts of the types.
+        individuals: descriptions of single types by name; descriptions of unneeded types are ignored.
+        sources: definition texts of the types.
+        is_service: `name` is a service.
 
     Raises:
         DefinitionError: no definition can have this description, or it is too large.
@@ -106,7 +108,7 @@ def _implied_packages() -> SearchPath:
 
 
 def _reachable(start: Iterable[MessageDef], individuals: Mapping[str, Description]) -> Iterator[str]:
-    """Yield the names of the types that messages refer to, without `start` itself."""
+    """Yield the names of the described types that messages refer to, at any depth; `start` itself is not included."""
     own = {str(one.name) for one in start}
     seen = set(own)
     pending = [item.type.base for message in start for item in message.fields if item.type.is_message]
@@ -131,7 +133,7 @@ def _problem(name: str, text: str) -> DefinitionError:
 def _from_source(
     name: RosName, sources: Sources, individuals: Mapping[str, Description], own: tuple[str, ...]
 ) -> Interface | None:
-    """Return the interface of a type's source; None unless it has the fields of the description."""
+    """Return the interface that a type's source defines; None if its fields differ from the description's."""
     encoding, text = sources.get(str(name), ("", ""))
     if encoding not in (name.kind, "idl") or not text or _elements(encoding, text) > 2 * MAX_OF_ONE:
         return None
@@ -152,7 +154,10 @@ def _elements(encoding: str, text: str) -> int:
 
 
 class _RaiseOnFirst(Diagnostics):
-    """Diagnostics that raise the first problem: the source line of each would take quadratic time."""
+    """Diagnostics that raise the first problem as `DefinitionError`.
+
+    Collecting many would take quadratic time, as each contains its source line.
+    """
 
     def add(self, location: Location, text: str) -> None:
         raise DefinitionError(location.diagnostic(text))
@@ -171,7 +176,7 @@ def _fields_of(one: Description | None) -> list[tuple[object, object]]:
 
 
 class _DescriptionConverter:
-    """Converts descriptions to messages; all their default values together have a limit."""
+    """Converter of type descriptions to messages, with a limit for the text of all their default values together."""
 
     def __init__(self, individuals: Mapping[str, Description]) -> None:
         self._individuals = individuals

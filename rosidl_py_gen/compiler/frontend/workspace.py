@@ -1,4 +1,4 @@
-"""The colcon workspace of a script, with all its packages that have a package.xml.
+"""Colcon workspace of a script: all its packages that have a package.xml.
 
 Only names of folders and package.xml files are read.
 """
@@ -19,21 +19,19 @@ from rosidl_py_gen.errors import display_path
 
 MANIFEST = "package.xml"
 MAX_ENTRIES = 50_000
-"""Maximum number of directory entries that the search for packages reads, which takes half a second.
-
-colcon has no limit, but a home folder or ``/`` may be searched. The search is breadth first.
-"""
+"""Maximum number of directory entries that the search for packages reads, which takes half a second. colcon has no
+limit, but a home folder or ``/`` may be searched. The search is breadth first."""
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder with packages.
+    """Folder with packages, as colcon searches it.
 
     Attributes:
         folder: the folder ``src``, or the parent of a package that is not below ``src``.
         depth: maximum depth of packages below `folder`; None for any depth, as colcon searches.
-        own: a package that is preferred to others of its name.
-        holds_others: `folder` probably contains much else.
+        own: folder of a package that is preferred to other packages of its name.
+        holds_others: `folder` probably contains much besides packages.
     """
 
     folder: Path
@@ -43,7 +41,7 @@ class Workspace:
 
     @cached_property
     def packages(self) -> dict[str, Path]:
-        """Folders of the packages by name; of two with one name, the one of least depth."""
+        """Folders of the workspace's packages by name; of two packages with one name, the less deep one."""
         found: dict[str, Path] = {}
         for name, folder in self.all_packages:
             found.setdefault(name, folder)
@@ -51,12 +49,12 @@ class Workspace:
 
     @property
     def all_packages(self) -> list[tuple[str, Path]]:
-        """Names and folders of all packages; several may have one name."""
+        """Names and folders of all packages in the workspace; several packages may have one name."""
         return self._found[0]
 
     @property
     def limit_text(self) -> str:
-        """Text about a search that ended before all folders were read; empty if it was complete."""
+        """Message about a search of the workspace that stopped at `MAX_ENTRIES`; "" if the search was complete."""
         if self._found[1]:
             return ""
         text = f"{display_path(self.folder)}: searched for packages only in the first {MAX_ENTRIES} files and folders"
@@ -64,7 +62,7 @@ class Workspace:
 
     @cached_property
     def _found(self) -> tuple[list[tuple[str, Path]], bool]:
-        """Packages, and True if all folders were read."""
+        """Names and folders of the packages, and True if all folders of the workspace were read."""
         found = [] if self.own is None else [(package_name(self.own / MANIFEST, self.own), self.own)]
         visited: set[str] = set()
         waiting = deque([(self.folder, 0)])
@@ -97,21 +95,21 @@ class Workspace:
 
     @property
     def roots(self) -> list[Path]:
-        """Folders that contain all packages: `folder`, unless it contains much else."""
+        """Folders that contain all packages: the workspace folder, or each package if the folder contains much else."""
         return [*self.packages.values()] if self.holds_others or self.depth is not None else [self.folder]
 
 
 def package_around(place: Path) -> Path | None:
-    """Return the package of a file or folder: the first folder upwards with a package.xml; None without one."""
+    """Return the package folder around a file or folder: the nearest one with a package.xml; None without one."""
     above = [place, *place.parents] if place.is_dir() else [*place.parents]
     return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
 
 
 def workspace_around(place: Path) -> Workspace | None:
-    """Return the workspace of a file or a folder; None for a script outside of packages.
+    """Return the workspace around a file or a folder; None for a script outside of packages.
 
-    It is the folder ``src`` above the package, else the package and its siblings; for a folder outside of packages its
-    ``src``, else the folder itself.
+    The workspace is the folder ``src`` above the package, else the package and its siblings. A folder outside of
+    packages has the workspace ``src`` inside it, else is one itself.
     """
     package = package_around(place)
     if package is not None:
@@ -124,7 +122,7 @@ def workspace_around(place: Path) -> Workspace | None:
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
-    """Return the entries of a folder by name; none of an unreadable folder, which is not part of the workspace."""
+    """Return the entries of a folder, sorted by name; [] for an unreadable folder, which is skipped."""
     note(folder)
     with suppress(OSError), os.scandir(folder) as entries:
         return sorted(entries, key=lambda entry: entry.name)

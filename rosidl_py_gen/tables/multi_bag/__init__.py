@@ -1,1 +1,1 @@
-"""Many bags as one dataset."""
+"""Conversion of many bags to one Parquet dataset, in this process or in several."""

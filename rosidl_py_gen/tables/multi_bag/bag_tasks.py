@@ -1,8 +1,8 @@
-"""Task of a dataset: a bag, or a part of a large one between two log times, so that each message is in one task.
+"""Tasks that write a dataset: each is a bag, or a part of a large bag between two log times.
 
-Another run does only the missing tasks, which existing files tell: the metadata of each file names its task, and the
-number of files of the task. A task is complete if all its files exist. Files get their final names when their contents
-are complete, and have the same names in each run, so that a repeated task replaces them.
+Another run does only the missing tasks, which it finds by existing files: the metadata of each file names its task, and
+the number of files of the task. A task is complete if all its files exist. Files get their final names when their
+contents are complete, and have the same names in each run, so that a repeated task replaces them.
 
 A failure of a task is a result, not an exception.
 """
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
 
 _METADATA_KEY = "rosidl_py_gen.task"
 _READERS = 16
-"""Number of files whose metadata are read at the same time; files in object stores take 10 to 100 ms each."""
+"""Number of files whose metadata is read at the same time; a file in an object store takes from 10 to 100 ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class TaskRecord:
-    """Task that has written a file, from the metadata of the file.
+    """Identity of the task that has written a dataset file, stored in the metadata of the file.
 
     Attributes:
         bag: digest of the path or URL of the bag.
@@ -65,17 +65,20 @@ class TaskRecord:
     file_count: int = 0
 
     def metadata(self, file_count: int) -> dict[str, str]:
-        """Return the metadata of one of `file_count` files."""
+        """Return the Parquet metadata of one of the task's `file_count` files."""
         return {_METADATA_KEY: json.dumps(asdict(replace(self, file_count=file_count)))}
 
     def may_replace(self, place: str) -> bool:
-        """Return True if a task for the same bag with the same options has written a file."""
+        """Return True if the file at a place was written by a task for the same bag with the same options."""
         record = _read_record(*file_system(place))
         return record is not None and (record.bag, record.options) == (self.bag, self.options)
 
 
 def _read_record(system: Any, path: str) -> TaskRecord | None:
-    """Return None for the file of another program, or a file that cannot be read: no task replaces such files."""
+    """Return the task in a Parquet file's metadata; None if another program wrote the file, or it cannot be read.
+
+    Tasks do not replace files without a record.
+    """
     try:
         with system.open(path, "rb") as stream:
             metadata = parquet().read_metadata(stream).metadata or {}
@@ -88,7 +91,7 @@ def _read_record(system: Any, path: str) -> TaskRecord | None:
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """Existing file of a task; `name` is the name of the bag in the dataset."""
+    """Existing file of a task in a dataset; `name` is the name of the bag there."""
 
     path: str
     name: str
@@ -96,7 +99,12 @@ class TaskFile:
 
 
 def find_task_files(out: str, names: Collection[str]) -> list[TaskFile]:
-    """Return the files of bags with these names that tasks have written. Raises BagError or OSError."""
+    """Return the files in a dataset that tasks have written for bags with these names.
+
+    Raises:
+        BagError: the place does not respond.
+        OSError: the place cannot be read.
+    """
     system, root = file_system(out)
     with unreachable_as_error(out):
         system.invalidate_cache()
@@ -113,14 +121,19 @@ def find_task_files(out: str, names: Collection[str]) -> list[TaskFile]:
 
 
 def complete_parts(files: Iterable[TaskFile]) -> set[int]:
-    """Return the numbers of the parts all of whose files exist."""
+    """Return the part numbers of a bag's tasks all of whose files exist."""
     return {
         record.number for record, count in Counter(one.record for one in files).items() if count == record.file_count
     }
 
 
 def remove_files(out: str, paths: Iterable[str]) -> None:
-    """Remove files that `find_task_files` has found. Raises BagError or OSError."""
+    """Remove dataset files with paths from `find_task_files`.
+
+    Raises:
+        BagError: the place does not respond.
+        OSError: a file cannot be removed.
+    """
     with unreachable_as_error(out):
         system = file_system(out)[0]
         for path in paths:
@@ -128,7 +141,7 @@ def remove_files(out: str, paths: Iterable[str]) -> None:
 
 
 def remove_partial_files(out: str, names: Iterable[str]) -> None:
-    """Remove partial files of bags with these names, left by processes that were killed."""
+    """Remove the partial files of bags with these names, which killed processes have left in a dataset."""
     system, root = file_system(out)
     with unreachable_as_error(out):
         folders = {f"{BAG}={quote(name, safe='')}" for name in names}
@@ -141,13 +154,13 @@ def remove_partial_files(out: str, names: Iterable[str]) -> None:
 
 
 def digest(values: Any) -> str:
-    """Return a short digest of values of JSON."""
+    """Return 12 hexadecimal digits of the hash of a value that JSON can represent."""
     return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
 @dataclass(frozen=True, slots=True)
 class TaskOptions:
-    """Options that apply to every bag; see `write_datasets`."""
+    """Options of `write_datasets` that apply to every bag."""
 
     topics: tuple[str, ...] | None = None
     include_large: bool = False
@@ -157,21 +170,21 @@ class TaskOptions:
     search_path: tuple[str, ...] = ()
     range_bytes: int = 1 << 28
     distro: str | None = None
-    """Distribution that the command selects, for its worker processes."""
+    """Distribution that the user selected by command option, for worker processes."""
 
     @property
     def digest(self) -> str:
-        """Short digest of the options, the same for any order of the topics."""
+        """Short digest of all options, which does not depend on the order of the topics."""
         return digest({**asdict(self), "topics": self.topics and sorted(self.topics)})
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Messages of a bag with ``start_ns <= log_time < end_ns``; None is the start or end of the selection.
+    """Task to write messages of a bag with ``start_ns <= log_time < end_ns``; None means the selection's start or end.
 
     Attributes:
         place, name: path or URL of the bag, and its name in the dataset.
-        size: about the stored bytes of the messages.
+        size: approximate stored bytes of the messages.
     """
 
     place: str
@@ -192,7 +205,7 @@ class TaskResult:
     Attributes:
         error: reason of a failure, or an empty text.
         warnings: warnings of the reader.
-        cuts: log times at which a large bag is split.
+        cuts: log times at which a large bag is split into tasks.
         damaged: skipped parts of the bag's files.
     """
 
@@ -205,12 +218,15 @@ class TaskResult:
 
 
 def run_task(task: Task, on_progress: Callable[[float], None] | None = None) -> TaskResult:
-    """Run a task; `on_progress` is called with its completed fraction, from 0 to 1."""
+    """Write the messages of a task to the dataset; `on_progress` is called with the completed fraction from 0 to 1.
+
+    Errors are in the result.
+    """
     return _run(partial(_write, on_progress=on_progress), task)
 
 
 def split_times_of(task: Task) -> TaskResult:
-    """Return the log times at which a large bag is split."""
+    """Return a result with the log times at which a task's large bag is split into several tasks."""
     return _run(_find_cuts, task)
 
 
@@ -244,7 +260,7 @@ def _find_cuts(task: Task) -> TaskResult:
 
 
 def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
-    """Return the parts of a task between the cuts."""
+    """Return the tasks that a task becomes if its bag is split at log times."""
     spans = [*pairwise([None, *cuts, None])]
     records = [replace(task.record, number=number, task_count=len(spans)) for number in range(len(spans))]
     return [
@@ -254,7 +270,7 @@ def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
 
 
 def _span(reader: BagReader, options: TaskOptions) -> tuple[int, int]:
-    """Return the log times of the selection; raises `BagError` if the bag ends before it."""
+    """Return first log time and exclusive end of the selected messages; raises `BagError` if the bag ends before."""
     start, end = reader.start_ns + round(options.start_offset_s * NS_PER_S), reader.end_ns + 1
     if start >= end:
         length = (reader.end_ns - reader.start_ns) / NS_PER_S

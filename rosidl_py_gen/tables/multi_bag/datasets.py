@@ -1,4 +1,4 @@
-"""Datasets of the bags that patterns match, written by this process, or by Dask in several.
+"""Conversion of all bags that patterns match to one dataset, by this process, or by Dask in several.
 
 Bags whose files exist are skipped, large bags are split into several tasks, and processes are started only for enough
 data. A bag that fails does not stop the others.
@@ -46,9 +46,9 @@ _TAG_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "checksum")
 _TIME_KEYS = ("mtime", "LastModified", "last_modified", "updated", "modified", "created")
 _WILDCARDS = frozenset("*?[")
 RANGE_BYTES = 1 << 28
-"""Stored bytes of a bag that make one task."""
+"""Stored bytes of a bag for one task; a larger bag is split into several tasks."""
 PROCESSES_BYTES = 1 << 26
-"""Number of bytes from which on processes are started."""
+"""Minimum stored bytes of all bags for which processes are started."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class DatasetsReport:
 
     Attributes:
         files: written files, by name of the bag.
-        skipped_topics: reasons by topic that was not written, or not completely, by name of the bag.
+        skipped_topics: topics that were not written, or not completely, each with the reason, by name of the bag.
         failed: error of a bag, by its path or URL; some parts of a large bag may have been written.
         unchanged: names of bags all of whose files exist; bags without messages for the dataset have no files.
         damaged: parts of MCAP files that were skipped with ``on_error="skip"``, by name of the bag.
@@ -95,6 +95,7 @@ def write_datasets(
         bags: paths, and URLs of fsspec, which may have ``*``.
         out: a folder, or a URL that all processes can reach.
         topics: topics to write; a bag must have at least one of them.
+        include_large: without `topics`, write images and clouds as well.
         start_offset_s: seconds to skip at the start of each bag.
         duration_s: maximum duration of the selection in seconds.
         on_error: ``"skip"`` skips damaged messages, and damaged parts of MCAP files.
@@ -105,8 +106,8 @@ def write_datasets(
         workers: number of processes of this machine; 1 is this process. None: one for each core if there is enough
             data, else 1. The processes open no port, and do not import the main module.
         search_path: folders with the packages of the recordings, as in `BagReader`.
-        progress: called with the number of completed tasks, and of all.
-        on_bytes: called with about the number of stored bytes that are read, and of all.
+        progress: called with the number of completed tasks, and the number of all tasks.
+        on_bytes: called with about the number of stored bytes that are read, and the number of all bytes.
 
     Raises:
         ValueError: both `scheduler` and `workers` are set.
@@ -164,7 +165,7 @@ class _DatasetJob:
         self.warnings: list[str] = []
 
     def missing_bags(self, sources: list[BagSource]) -> list[tuple[BagSource, set[int]]]:
-        """Return bags that the dataset lacks or has partly, with the numbers of their complete parts."""
+        """Return the bags that the dataset lacks completely or partly, each with the numbers of its complete parts."""
         place_of = {digest(one.place): one.place for one in sources}
         files = find_task_files(self._out, possible_names(place_of.values()))
         known = {place_of[one.record.bag]: one.name for one in files if one.record.bag in place_of}
@@ -188,7 +189,7 @@ class _DatasetJob:
         return due
 
     def tasks(self, due: list[tuple[BagSource, set[int]]], run: TaskRunner) -> list[Task]:
-        """Return the tasks for missing bags; large bags are read to split them."""
+        """Return the tasks for the missing bags and parts; `run` reads large bags to find out where to split them."""
         tasks: list[Task] = []
         large: list[Task] = []
         complete_of = {one.place: complete for one, complete in due}
@@ -208,7 +209,7 @@ class _DatasetJob:
         return tasks
 
     def run(self, tasks: list[Task], run: TaskRunner) -> None:
-        """Run the tasks, and add their results to the report."""
+        """Run the tasks by the function `run`, and add their results to the report."""
         total, count = len(tasks), 0
         total_bytes, done_bytes, size = sum(task.size for task in tasks), 0, 0
 
@@ -246,7 +247,7 @@ class _DatasetJob:
         self.warnings += result.warnings
 
     def clean_up(self) -> None:
-        """Complete the report, and remove partial files of processes that were killed."""
+        """Complete the report, and remove the partial files that killed processes have left in the dataset."""
         report = self.report
         for files in report.files.values():
             files.sort(key=lambda one: one.path)
@@ -258,7 +259,10 @@ class _DatasetJob:
 
 
 def select_runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[TaskRunner]:
-    """Return the function that runs tasks: in this process, in others of this machine, or in workers of Dask."""
+    """Return a context manager with the function that runs tasks: here, in local processes, or on a Dask scheduler.
+
+    `sizes` has the stored bytes of the bags, which decide the number of processes if neither argument is set.
+    """
     if scheduler is None and workers is None and multiprocessing.current_process().daemon:
         workers = 1  # daemonic processes must not start processes
     if scheduler is None and workers is None:
@@ -282,7 +286,7 @@ def one_by_one(function: TaskFunction, tasks: list[Task], on_result: ResultFunct
 
 @dataclass(frozen=True, slots=True)
 class BagSource:
-    """Source bag of a dataset.
+    """Bag that is written to a dataset.
 
     Attributes:
         place: an absolute path, or a URL.
@@ -295,7 +299,7 @@ class BagSource:
 
 
 def find_bags(bags: Iterable[str]) -> tuple[list[BagSource], dict[str, str]]:
-    """Return the bags that paths and URLs, with ``*`` as in fsspec, match; and the errors of the others."""
+    """Return the bags that match paths and URLs, which may have ``*``, and the errors of those without a bag."""
     sources: dict[str, BagSource] = {}
     failed: dict[str, str] = {}
     for bag in bags:
@@ -339,9 +343,11 @@ def _tag_or_time(info: Mapping[str, Any]) -> str:
 def names_of(
     places: Iterable[str], known: Mapping[str, str] | None = None, reserved: Collection[str] = ()
 ) -> dict[str, str]:
-    """Return a unique name for each bag: that of its file, with folders before it if necessary.
+    """Return the place of each bag by a unique name: the name of its file, with parent folders if necessary.
 
-    `known` has existing names by place, which are kept; bags without one get no name in `reserved`.
+    Args:
+        known: existing names by place, which are kept.
+        reserved: names that bags without a known name must not get.
     """
     known = known or {}
     places = list(dict.fromkeys(places))
@@ -363,7 +369,7 @@ def names_of(
 
 
 def possible_names(places: Iterable[str]) -> set[str]:
-    """Return all names that `names_of` may give to bags."""
+    """Return all names that `names_of` may choose for the bags at these places."""
     names = set(places)
     for place in places:
         own = _path_names(place)

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.multi_bag.bag_tasks import ResultFunction, Task, TaskFunction, TaskRunner
 
 CONNECT_TIMEOUT_S = 10
-"""Time after which a scheduler of Dask counts as not reachable, in seconds."""
+"""Time in seconds after which a Dask scheduler that does not respond is reported as not reachable."""
 _MAX_WINDOWS_PROCESSES = 61
-"""Maximum number of processes of an executor on Windows."""
+"""Maximum number of processes of a process pool on Windows."""
 _PROCESS_ENDED = (
     "the process that read this bag ended unexpectedly, twice; it may lack memory, or a library crashed; the next run "
     "tries again"
@@ -42,7 +42,12 @@ _PROCESS_ENDED = (
 
 @contextmanager
 def local_processes(workers: int) -> Iterator[TaskRunner]:
-    """Yield a function that runs tasks in up to `workers` processes, and passes on each result as it arrives."""
+    """Yield a function that runs tasks in up to `workers` processes, and passes each result to its callback.
+
+    Raises:
+        BagError: this process must not start processes.
+        ExtraMissingError: Dask or loky is not installed.
+    """
     try:
         import dask  # noqa: F401
         import loky  # noqa: F401
@@ -63,7 +68,7 @@ def local_processes(workers: int) -> Iterator[TaskRunner]:
 
 
 class _LocalProcesses:
-    """Processes of this machine. If one ends unexpectedly, all are replaced."""
+    """Pool of worker processes on this machine; if one ends unexpectedly, all are replaced."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -71,7 +76,10 @@ class _LocalProcesses:
         self._reader, self._writer = Pipe(duplex=False)
 
     def run(self, function: TaskFunction, tasks: list[Task], on_result: ResultFunction) -> None:
-        """Run tasks. A task is given up if its process ends unexpectedly while no other task runs."""
+        """Run tasks in the processes, and call `on_result` with each result.
+
+        A task fails if its process ends unexpectedly while no other task runs.
+        """
         due = {f"task-{number}": task for number, task in enumerate(tasks)}
         while due:
             count = len(due)
@@ -85,7 +93,7 @@ class _LocalProcesses:
     def _compute(
         self, function: TaskFunction, due: dict[str, Task], tasks: dict[str, Task], on_result: ResultFunction
     ) -> dict[str, Task]:
-        """Run tasks, and remove the completed ones from `due`; return the running tasks if a process has ended."""
+        """Run `tasks`, and remove the completed ones from `due`; return the tasks that ran when a process crashed."""
         import dask
         import loky
 
@@ -124,7 +132,7 @@ class _LocalProcesses:
             pool.shutdown(kill_workers=True)  # after an interrupt, tasks may still run
 
     def close(self) -> None:
-        """End the processes."""
+        """End the worker processes."""
         self._end_pool()
         self._reader.close()
         self._writer.close()
@@ -152,7 +160,12 @@ def _end_with_parent(reader: Connection) -> None:
 
 @contextmanager
 def dask_cluster(scheduler: str) -> Iterator[TaskRunner]:
-    """Yield a function that runs tasks on the workers of a scheduler, as `local_processes`. Raises `BagError`."""
+    """Yield a function that runs tasks on a Dask scheduler's workers, and passes each result to its callback.
+
+    Raises:
+        BagError: the scheduler does not respond.
+        ExtraMissingError: Dask's package ``distributed`` is not installed.
+    """
     try:
         import distributed
     except ModuleNotFoundError as missing:

@@ -1,1 +1,1 @@
-"""Reader of setup.py, setup.cfg and pyproject.toml of a package, which runs none of them."""
+"""Reader of a package's setup.py, setup.cfg and pyproject.toml that does not run any of them."""

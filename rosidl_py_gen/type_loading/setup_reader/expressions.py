@@ -1,4 +1,4 @@
-"""Values of expressions of a setup.py, assignments and calls."""
+"""Evaluation of expressions, assignments and calls in a setup.py, without running it."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ from rosidl_py_gen.type_loading.setup_reader.variables import FunctionReturnErro
 
 _EXITS = ("sys.exit", "builtins.exit", "builtins.quit")
 _MAX_CALLS = 12
-"""Maximum depth of calls of functions of the file."""
+"""Maximum depth of calls of functions that the setup.py defines; a deeper call has an unknown result."""
 _OBJECT_WORK = 50
-"""Work for a list, generator or scope, which takes memory."""
+"""Work, in characters, for the memory of a list, generator or scope."""
 _HARMFUL = ("os.", "distutils.dir_util", "distutils.file_util", "distutils.spawn")
 _HARMLESS = ("os.environ", "os.getenv", "os.path", "os.access", "os.uname", "os.stat", "os.cpu_count", "os.getpid")
 
 
 class Expressions(Variables):
-    """Values of expressions."""
+    """Evaluator of expressions, assignments and calls in a setup.py."""
 
     @abstractmethod
     def _run(self, body: Sequence[ast.stmt], scope: Scope) -> None:
-        """Execute statements."""
+        """Execute the statements of a block in a scope."""
 
     def _value(self, node: ast.expr, scope: Scope) -> object:
         self._budget.step()
@@ -61,7 +61,10 @@ class Expressions(Variables):
         return Unknown(why, self._scoped_names(node, scope))
 
     def _attempt(self, compute: Callable[[], object], used: Iterable[object], what: str) -> object:
-        """Return the result of a computation; if it is uncertain, so are the values that it has used."""
+        """Return the result of `compute`, or `Unknown` if it raises `UncertainError`.
+
+        The values `used` are then marked as uncertain, too.
+        """
         try:
             return compute()
         except UncertainError as error:
@@ -296,7 +299,7 @@ class Expressions(Variables):
     def _generated(
         self, generators: list[ast.comprehension], element: ast.expr, scope: Scope, source: Iterator[object], doubt: str
     ) -> Iterator[object]:
-        """Yield the elements of a comprehension; with a reason `doubt`, none of them may exist."""
+        """Yield the elements of a comprehension; if `doubt` is not empty, none of them may exist, for this reason."""
         here, *others = generators
         for one, why in self._each(source, doubt):
             self._budget.step()
@@ -421,7 +424,7 @@ class Expressions(Variables):
         return self._call(function, args.items, words, name)
 
     def _call(self, function: object, args: list[object], words: Words, name: str = "a function") -> object:
-        """Return the result of a call."""
+        """Return the result of calling a function value: `Unknown` if the reader does not understand the function."""
         if isinstance(function, FunctionValue):
             return self._call_function(function, args, words, name)
         try:
@@ -446,7 +449,7 @@ class Expressions(Variables):
         return self._unknown_call(function, [function, *args], words, name)
 
     def _unknown_call(self, function: object, used: list[object], words: Words, name: str) -> Unknown:
-        """Return the result of a call of unknown code, which may change its arguments and what it can reach."""
+        """Return the unknown result of calling unknown code, which may change its arguments and all they reach."""
         is_harmless = isinstance(function, Unknown) and function.is_harmless
         why = self._at(f"{name}()") if name else str(getattr(function, "why", ""))
         names = self._reach(function, *used, *words.values())
@@ -507,7 +510,7 @@ class Expressions(Variables):
         return FunctionValue(node, scope, defaults, keyword_defaults)
 
     def _record(self, words: Words, why: str) -> None:
-        """Record a call of `setup` with the current values."""
+        """Record a call of `setup` with its arguments' current values; `why` is the reason if it may not happen."""
         given = {name: known_part(value, self._budget) for name, value in words.items() if value is not None}
         commands = words.get("cmdclass")
         if isinstance(commands, DictValue) and commands.why:  # any command may be in it
@@ -516,7 +519,7 @@ class Expressions(Variables):
 
 
 def _statements_of(node: ast.FunctionDef) -> Iterator[ast.AST]:
-    """Yield the nodes of a function without the nodes of functions and classes in it."""
+    """Yield the syntax nodes in a function, except nodes inside nested functions, classes and expressions."""
     waiting: list[ast.AST] = [*node.body]
     while waiting:
         inner = waiting.pop()
@@ -526,7 +529,7 @@ def _statements_of(node: ast.FunctionDef) -> Iterator[ast.AST]:
 
 
 def _bound_arguments(function: FunctionValue, args: list[object], words: Words) -> dict[str, object] | None:
-    """Return the parameters of a call with their values, or None if they do not fit."""
+    """Return the values of a function's parameters for a call; None if the arguments do not fit the parameters."""
     wanted = function.node.args
     names = [one.arg for one in (*wanted.posonlyargs, *wanted.args)]
     found = dict(zip(names[len(names) - len(function.defaults) :], function.defaults, strict=True))

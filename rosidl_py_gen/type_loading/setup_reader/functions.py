@@ -1,7 +1,7 @@
 """Functions and methods that a setup.py may call, for a reader that does not run it.
 
-They compute with known values only, spend the budget before they create a value, and read only files of the package.
-A call that they do not understand raises `UncertainError`.
+They compute with known values only, spend the budget before they create a value, and read only files of the package. A
+call that is not understood raises `UncertainError`.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ Words = dict[str, object]
 
 
 class InterpreterMethods(NamedTuple):
-    """Methods of the interpreter that functions need.
+    """Methods of the setup.py interpreter that its implementations of functions call.
 
     Attributes:
-        iterate: yields the elements of a value, with gaps for unknown ones.
+        iterate: yields the elements of a value, with a `Gap` for unknown ones.
         each: yields the elements of an iterator, each with the reason why it may be missing.
         call: returns the result of a call.
-        doubting: context manager for what may not be evaluated, for a reason.
-        touch: marks a value, and all that can be reached from it, as uncertain.
+        doubting: context manager for code that may not be evaluated, for a reason.
+        touch: marks a value, and all values that can be reached from it, as uncertain.
     """
 
     iterate: Callable[[object], Iterator[object]]
@@ -67,27 +67,27 @@ MODULES = (
     "itertools",
     "fnmatch",
 )
-"""Modules with functions that are understood."""
+"""Modules some of whose functions the reader of setup.py understands."""
 HARMLESS_MODULES = {
     *("abc", "argparse", "ast", "codecs", "collections", "configparser", "contextlib", "copy", "csv", "dataclasses"),
     *("datetime", "enum", "functools", "hashlib", "io", "json", "locale", "logging", "math", "operator", "platform"),
     *("pprint", "re", "string", "sysconfig", "textwrap", "time", "tomllib", "traceback", "types", "typing", "uuid"),
     *("warnings", "xml", "__future__", *MODULES),
 }
-"""Modules whose other functions change no files."""
+"""Modules whose functions change no files, even if the reader does not understand them."""
 HARMLESS_BUILTINS = {
     *("iter", "map", "max", "min", "next", "object", "set", "frozenset", "slice", "staticmethod", "classmethod"),
     *("property", "super", "getattr", "Exception", "RuntimeError", "ValueError", "OSError", "IOError", "ImportError"),
     *("FileNotFoundError", "KeyError", "filter"),
 }
-"""Other functions and types of Python that change no files."""
+"""Builtin functions and types of Python that change no files, but whose results the reader does not compute."""
 PURE_BUILTINS = {
     *("abs", "bytes", "callable", "chr", "float", "format", "hasattr", "hash", "id", "int", "isinstance", "issubclass"),
     *("ord", "pow", "repr", "round", "type", "ascii", "bin", "hex", "divmod", "complex"),
 }
-"""Functions of Python that change nothing, and whose results have no part of their arguments."""
+"""Builtin functions that change nothing, and whose results do not contain their arguments."""
 SCOPE_FUNCTIONS = {"exec", "eval", "globals", "locals", "vars", "setattr", "delattr", "compile", "__import__"}
-"""Functions that may change every variable."""
+"""Builtin functions that may change every variable."""
 _CONSTANTS: dict[str, object] = {
     "os.sep": os.sep,
     "os.path.sep": os.sep,
@@ -103,7 +103,7 @@ _CONSTANTS: dict[str, object] = {
 }
 _PERCENT = re.compile(r"%([sd%])")
 MAX_INT = 10**12
-"""Maximum number that is computed, so that numbers and their texts are short."""
+"""Maximum number that the reader computes, so that numbers and their texts are short."""
 _TEXT_METHODS = {
     *("strip", "lstrip", "rstrip", "startswith", "endswith", "lower", "upper", "title", "capitalize", "removeprefix"),
     *("removesuffix", "split", "rsplit", "splitlines", "partition", "rpartition", "find", "rfind", "index", "isdigit"),
@@ -117,7 +117,7 @@ def version_info() -> ListValue:
 
 
 class Functions:
-    """Known functions and methods, for one package."""
+    """Implementations of the functions and methods that the reader of a package's setup.py understands."""
 
     def __init__(self, folder: PackageFolder, budget: PackageBudget, reader: InterpreterMethods) -> None:
         self._folder, self._budget, self._reader = folder, budget, reader
@@ -178,7 +178,7 @@ class Functions:
         return name in self._functions or name in SETUP_FUNCTIONS
 
     def attribute(self, base: object, name: str) -> object:
-        """Return an attribute of a value; raises `UncertainError`."""
+        """Return an attribute of a value; raises `UncertainError` for an attribute that is not understood."""
         if isinstance(base, Known):
             full = f"{base.name}.{name}".replace("posixpath.", "os.path.")
             if full in _CONSTANTS:
@@ -200,11 +200,14 @@ class Functions:
         raise UncertainError(f"the attribute {name}")
 
     def call(self, name: str, args: list[object], words: Words) -> object:
-        """Return the result of a known function; raises `UncertainError`."""
+        """Return the result of a function that is understood; raises `UncertainError` if it cannot be computed."""
         return self._checked(self._functions[name], args, words)
 
     def call_method(self, bound: Bound, args: list[object], words: Words, doubt: str) -> object:
-        """Return the result of a method; raises `UncertainError`. With a reason `doubt`, the call may not happen."""
+        """Return the result of a method call; raises `UncertainError` if it cannot be computed.
+
+        If `doubt` is not empty, the call may not happen, for this reason, so its changes are uncertain.
+        """
         base, kind = bound.base, type(bound.base)
         if kind is str and bound.name in _TEXT_METHODS:
             self._budget.spend(4 * len(str(base)))
@@ -220,7 +223,7 @@ class Functions:
         return self._checked(method, [base, *args], words)
 
     def extend(self, target: ListValue, more: object, doubt: str) -> None:
-        """Add the elements of a value to a list, as `list.extend` does."""
+        """Append the elements of a value to a list; a reason `doubt`, or an unknown element, makes it uncertain."""
         for element in [*self._iterate(more)] if more is target else self._iterate(more):
             if isinstance(element, Gap):
                 target.why = target.why or element.why
@@ -230,19 +233,22 @@ class Functions:
         target.why = target.why or doubt
 
     def joined(self, parts: Iterable[str], separator: str = "") -> str:
-        """Return a joined text, whose characters are spent before it is created."""
+        """Return the parts joined to a text; the work for its characters is spent before."""
         texts = [*parts]
         self._budget.spend(sum(map(len, texts)) + len(separator) * len(texts))
         return separator.join(texts)
 
     def text_of(self, value: object) -> str:
-        """Return `str` of a text, number or path."""
+        """Return `str` of a text, number or path; raises `UncertainError` for other values."""
         if isinstance(value, bool) or not isinstance(value, str | int | PurePosixPath):
             raise UncertainError(getattr(value, "why", "") or "the text of an object")
         return str(value)
 
     def operation(self, kind: str, left: object, right: object) -> object:
-        """Return the result of an operator with the name of its syntax node; raises `UncertainError`."""
+        """Return the result of a binary operator, given by the name of its syntax node, such as ``Add``.
+
+        Raises `UncertainError` if it cannot be computed.
+        """
         if isinstance(left, ListValue) and isinstance(right, ListValue) and kind == "Add":
             if left.is_tuple != right.is_tuple:
                 raise UncertainError("a sum of a list and a tuple")
@@ -423,7 +429,7 @@ class Functions:
         return FileValue(_known(self._folder.read(_text(path)), self._folder.changes))
 
     def _open_by_codec(self, path: object, mode: object = "r", encoding: object = None) -> FileValue:
-        """Return a file of `codecs.open`, which keeps the ends of lines, and knows more of them than `open`."""
+        """Return a file that `codecs.open` opens; raises `UncertainError` if `open` would have other line ends."""
         file = self._open(path, mode, encoding=encoding)
         text = self._folder.read(_text(path), keeps_line_ends=True) or ""
         if encoding is not None and ("\r" in text or text.splitlines(keepends=True) != self.lines(text)):
@@ -441,7 +447,7 @@ class Functions:
         return wrapped(self.lines(self._file_read(file, doubt=doubt)))
 
     def lines(self, text: str) -> list[str]:
-        """Return the lines of a text file; other separators of `splitlines` are part of a line."""
+        """Return the lines of a text, divided only at line feeds as in a file; `splitlines` knows more separators."""
         self._budget.spend(len(text) + 16 * text.count("\n"))
         *lines, last = text.split("\n")
         return [*(f"{line}\n" for line in lines), *([last] if last else [])]
@@ -463,7 +469,7 @@ class Functions:
         return text.replace(old, new)
 
     def _text_format(self, text: str, *args: object, **words: object) -> str:
-        """Return `text.format` for fields without attributes and format specifications."""
+        """Return `text.format(...)`; raises `UncertainError` for fields with attributes or format specifications."""
         texts: list[str] = []
         count = 0
         self._budget.spend(4 * len(text))
@@ -694,7 +700,7 @@ class Functions:
 
 
 def _text(value: object) -> str:
-    """Return the text of a path; raises `UncertainError` for another value."""
+    """Return a text or path as a text; raises `UncertainError` for another value."""
     if isinstance(value, str | PurePosixPath):
         return str(value)
     raise UncertainError(getattr(value, "why", "") or "a path that is not a text")

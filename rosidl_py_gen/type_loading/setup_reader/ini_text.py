@@ -1,4 +1,4 @@
-"""Sections of an INI file such as setup.cfg, as `configparser` reads them, in time that is linear in its size."""
+"""Parser of INI files such as setup.cfg, as `configparser` reads them, in time that is linear in the file's size."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from rosidl_py_gen.errors import RosidlError
 
 
 class IniSyntaxError(RosidlError):
-    """A line of an INI file is neither a section nor an option."""
+    """Error of a line in an INI file that is neither a section nor an option."""
 
 
 def parse_ini(text: str) -> dict[str, dict[str, str]]:
-    """Return the options by section and name; the lines of a value are joined. Raises `IniSyntaxError`."""
+    """Return the options of an INI file by section and name, with the lines of a value joined by line breaks.
+
+    Raises `IniSyntaxError` for a line that is neither a section nor an option.
+    """
     sections: dict[str, dict[str, list[str]]] = {}
     options: dict[str, list[str]] | None = None
     lines: list[str] | None = None
@@ -45,7 +48,7 @@ def parse_ini(text: str) -> dict[str, dict[str, str]]:
 
 
 def _option(line: str) -> tuple[str, str]:
-    """Return name and value of an option; an empty name if the line has no delimiter."""
+    """Return name and value of an option line; ("", "") if the line has no delimiter."""
     positions = [position for position in (line.find("="), line.find(":")) if position >= 0]
     if not positions:
         return "", ""

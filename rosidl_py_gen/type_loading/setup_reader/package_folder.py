@@ -1,7 +1,7 @@
 """Files of a package as `glob`, `os.walk`, `pathlib` and `find_packages` return them, for a reader of setup.py.
 
 The order is the order of the operating system. Links to folders are followed once, and only inside the package folder;
-a `Gap` represents the other files. All accesses spend the budget of the package.
+a `Gap` represents the files behind other links. All accesses spend the budget of the package.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
 
 _MAGIC = re.compile(r"[*?[]")
 _MAX_PATH = 4096
-"""Maximum length of a path; PATH_MAX of Linux."""
+"""Maximum characters of a path in a setup.py: PATH_MAX of Linux."""
 _DEPTH_WORK = 200
-"""Work for each folder of a path, which is resolved."""
+"""Work, in characters, for each folder in a path when the path is resolved."""
 PATTERN_WORK = 40
-"""Work of one character of a pattern, which becomes a regular expression."""
+"""Work, in characters, of one character of a file pattern, which becomes a regular expression."""
 
 
 class PackageFolder:
@@ -42,7 +42,7 @@ class PackageFolder:
         self.changes = ""
 
     def place(self, path: str) -> str | None:
-        """Return a path relative to the package folder; None if it lies elsewhere."""
+        """Return a path of setup.py relative to the package folder; None if it is outside of the folder."""
         if len(path) > _MAX_PATH or "\0" in path:
             return None
         top = self._top(path)
@@ -58,11 +58,14 @@ class PackageFolder:
         return None if place == ".." or place.startswith("../") else place
 
     def _top(self, path: str) -> str | None:
-        """Return the path of the package folder that an absolute path begins with; None for another path."""
+        """Return the package folder (`path` or `real`) with which an absolute path begins; None for other paths."""
         return next((top for top in (self.path, self.real) if path == top or path.startswith(f"{top}/")), None)
 
     def read(self, path: str, keeps_line_ends: bool = False) -> str | None:
-        """Return the text of a file in the package folder, None for another file; raises `UnreadableError`."""
+        """Return the text of a file in the package folder; None for a file elsewhere, not in UTF-8, or that may change.
+
+        Raises `UnreadableError` if the file cannot be read.
+        """
         place = self.place(path)
         if place is None or self.changes:
             return None
@@ -74,7 +77,10 @@ class PackageFolder:
         return text if keeps_line_ends else text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does
 
     def check(self, kind: str, path: str) -> bool | None:
-        """Return `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` of a path; None if it lies elsewhere."""
+        """Return `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` of a path; None if the result is not known.
+
+        The path may be outside of the package folder, or files may change.
+        """
         place = self.place(path)
         if place is None or self.changes:
             return None
@@ -86,13 +92,13 @@ class PackageFolder:
         return bool(getattr(os.path, kind)(file))
 
     def names(self, path: str) -> Iterator[str | Gap]:
-        """Yield `os.listdir`."""
+        """Yield the names that `os.listdir` returns for a folder, and a `Gap` for unknown ones."""
         place = self.place(path)
         yield from self._gap()
         yield from (entry if isinstance(entry, Gap) else entry[0] for entry in self.entries(place, path))
 
     def walk(self, top: str) -> Iterator[ListValue | Gap]:
-        """Yield `os.walk`, whose caller may change the lists of folders."""
+        """Yield the tuples of `os.walk`, and a `Gap` for unknown ones; the caller may change the lists of folders."""
         yield from self._gap()
         waiting = [(top, self.place(top))] if top else []
         while waiting:
@@ -113,7 +119,7 @@ class PackageFolder:
                     waiting.append((posixpath.join(top, name), posixpath.normpath(posixpath.join(place, name))))
 
     def glob(self, pattern: str, is_recursive: bool, all_names: bool = False) -> Iterator[str | Gap]:
-        """Yield `glob.glob`; `all_names` for hidden files, too."""
+        """Yield the paths of `glob.glob`, and a `Gap` for unknown ones; with `all_names`, hidden files are included."""
         yield from self._gap()
         base, shown = ".", ""
         top = self._top(pattern)
@@ -130,7 +136,7 @@ class PackageFolder:
         yield from filter(None, _Glob(self, is_recursive, all_names).matches(shown, base, parts))
 
     def glob_paths(self, top: PurePosixPath, pattern: str) -> Iterator[PurePosixPath | Gap]:
-        """Yield `pathlib.Path.glob`, which does not follow links below ``**``."""
+        """Yield the paths of `pathlib.Path.glob`, which follows no links below ``**``, and a `Gap` for unknown ones."""
         if pattern.endswith("**") or pattern.startswith("/") or self.place(str(top)) is None:
             yield Gap(f"the pattern {pattern[:80]}")
             return
@@ -147,7 +153,7 @@ class PackageFolder:
                 yield PurePosixPath(path)
 
     def packages(self, where: str, excluded: list[str], included: list[str], is_namespace: bool) -> Iterator[str | Gap]:
-        """Yield `setuptools.find_packages` or `find_namespace_packages`."""
+        """Yield the names of `setuptools.find_packages` or `find_namespace_packages`, and a `Gap` for unknown ones."""
         yield from self._gap()
         top = self.place(where)
         if top is None:
@@ -181,12 +187,15 @@ class PackageFolder:
                     waiting.append((f"{package}.", folder))
 
     def real_folder(self, place: str) -> str | None:
-        """Return the real path of a folder of the package; None if it is a link that leads out of the package."""
+        """Return the real path of a folder in the package; None if a link leads out of the package."""
         real = os.path.realpath(os.path.join(self.path, place))
         return real if self._is_inside(real) else None
 
     def entries(self, place: str | None, shown: str) -> Iterator[tuple[str, bool] | Gap]:
-        """Yield names of a folder, and True for folders; nothing if it cannot be read, a gap if it lies elsewhere."""
+        """Yield the names in a folder, each with True for a folder; nothing if the folder cannot be read.
+
+        Yields a `Gap` for a folder outside of the package.
+        """
         if place is not None and place.count("/") >= MAX_FOLDER_DEPTH:
             yield Gap(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
             return
@@ -224,7 +233,7 @@ class PackageFolder:
 
 
 class _Glob:
-    """One search for the files that match a pattern."""
+    """Search for the files that match one pattern, which follows each link to a folder once."""
 
     def __init__(self, folder: PackageFolder, is_recursive: bool, all_names: bool, follows_links: bool = True) -> None:
         self._folder, self._is_recursive = folder, is_recursive
@@ -232,7 +241,7 @@ class _Glob:
         self._followed: set[str] = set()
 
     def matches(self, shown: str, place: str, parts: list[str]) -> Iterator[str | Gap]:
-        """Yield paths that begin with `shown` and match the parts of a pattern below the folder `place`."""
+        """Yield the paths, prefixed by `shown`, of files below the folder `place` that match the parts of a pattern."""
         part, *rest = parts
         if part == "**" and self._is_recursive:
             yield from self._below(shown, place, rest)
@@ -266,7 +275,7 @@ class _Glob:
                 yield from self.matches(f"{shown}{name}/", below, rest)
 
     def _enter(self, place: str, name: str) -> str | None:
-        """Return the place of a folder; None for a link that leads out of the package, or to a folder again."""
+        """Return the path of a subfolder to search; None for a link out of the package, or to a searched folder."""
         below = posixpath.normpath(posixpath.join(place, name))
         path = os.path.join(self._folder.path, below)
         if not os.path.islink(path):
@@ -279,7 +288,7 @@ class _Glob:
         return below
 
     def _below(self, shown: str, place: str, rest: list[str]) -> Iterator[str | Gap]:
-        """Yield matches of a pattern ``**/rest``."""
+        """Yield the paths that match the pattern ``**/rest`` below the folder `place`."""
         if rest:
             yield from self.matches(shown, place, rest)
         elif shown:

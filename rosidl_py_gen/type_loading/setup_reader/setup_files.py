@@ -19,25 +19,25 @@ from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, Set
 from rosidl_py_gen.type_loading.setup_reader.values import Gap
 
 _MAX_TOML = 64 << 10
-"""Maximum size of a pyproject.toml."""
+"""Maximum characters of a pyproject.toml."""
 _INSTALLED = ("data_files", "entry_points", "scripts", "packages", "py_modules", "package_dir")
-"""Arguments for which a setup.py is run, if that is allowed and they are uncertain."""
+"""Arguments of `setup` that justify running a setup.py if they are uncertain and running is allowed."""
 RunSetup = Callable[[Path, str], SetupArguments]
-"""Function that runs the setup.py of a folder, with the reason; raises `RosidlError`."""
+"""Function that runs the setup.py in a folder, for a reason, and returns its arguments; raises `RosidlError`."""
 
 
 class SetupFilesError(RosidlError):
-    """A setup.py, setup.cfg or pyproject.toml cannot be read; the text begins with the path of the file."""
+    """Error of a setup.py, setup.cfg or pyproject.toml that cannot be read; the text begins with the file's path."""
 
 
 @dataclass
 class PackageSetup:
-    """Install rules of a Python package.
+    """Install rules of a Python package, from its setup.py, setup.cfg and pyproject.toml.
 
     Attributes:
         values: arguments of `setup` by name, with None for unknown parts; entry points are lists of lines by group.
-        uncertain: reasons by argument.
-        unread: the file that takes too much work, if an argument is uncertain because of it, and not of setup.py.
+        uncertain: reasons why an argument is uncertain, by argument.
+        unread: name of the file whose reading took too much work, so that arguments are uncertain; else empty.
         scripts_folder: folder of the prefix for console scripts and scripts.
         problems: texts about a setup.py that could not be run.
     """
@@ -49,20 +49,20 @@ class PackageSetup:
     problems: list[str] = field(default_factory=list)
 
     def texts(self, name: str) -> list[str]:
-        """Return the known texts of a list."""
+        """Return the known texts in the list that is the value of an argument."""
         value = self.values.get(name)
         value = value.replace(",", " ").split() if name == "scripts" and isinstance(value, str) else value
         return [one for one in value if isinstance(one, str)] if isinstance(value, list) else []
 
     @property
     def folders(self) -> dict[str, str]:
-        """Known folders of Python packages by name; the empty name is for all others."""
+        """Known source folders of Python packages by package name; the empty name stands for all other packages."""
         found = self.values.get("package_dir")
         return {key: path for key, path in found.items() if isinstance(path, str)} if isinstance(found, dict) else {}
 
     @property
     def groups(self) -> dict[str, list[str]]:
-        """Known lines ``name = module:function`` of entry points by group."""
+        """Known entry point lines ``name = module:function``, by group."""
         points = self.values.get("entry_points")
         return points if isinstance(points, dict) else {}
 
@@ -71,9 +71,9 @@ def read_setup_files(folder: Path, budget: PackageBudget, run: RunSetup | None =
     """Return the install rules of a package.
 
     Args:
-        folder: of the package.
+        folder: folder of the package.
         budget: work that reading the package may take.
-        run: function for a setup.py that cannot be read completely; None if no code may run.
+        run: function that runs a setup.py which cannot be read completely; None if no code may run.
 
     Raises:
         SetupFilesError: a file cannot be read.
@@ -193,7 +193,10 @@ def _add_pyproject(found: PackageSetup, text: str, folder: PackageFolder) -> Non
 
 
 def _scripts_folder(sections: Mapping[str, Any]) -> str:
-    """Return the folder of the prefix for scripts in the options of commands, or an empty text."""
+    """Return the prefix folder for scripts that command options set; "" if no option sets it.
+
+    `sections` has the options by command.
+    """
     found = ""
     for section, name in (("develop", "script_dir"), ("install", "install_scripts")):
         given = sections.get(section)
@@ -206,7 +209,7 @@ def _scripts_folder(sections: Mapping[str, Any]) -> str:
 
 
 def _complete(found: PackageSetup, given: dict[str, Any]) -> None:
-    """Add arguments that `setup` was called without, as setuptools does."""
+    """Add the arguments that `found` has no value for, as setuptools completes the arguments of setup.py."""
     for name, value in given.items():
         if not found.values.get(name):
             found.values[name] = value
@@ -224,7 +227,7 @@ def _packages(folder: PackageFolder, finder: dict[str, Any], is_namespace: bool)
 
 
 def _data_files(folder: PackageFolder, rows: dict[str, list[str]]) -> list[list[object]]:
-    """Return rows of data files, whose patterns are resolved."""
+    """Return rows of data files with their file patterns resolved: target folder and paths, None for unknown ones."""
     found: list[list[object]] = []
     for place, patterns in rows.items():
         paths = (path for pattern in patterns for path in folder.glob(pattern, True))
@@ -233,7 +236,7 @@ def _data_files(folder: PackageFolder, rows: dict[str, list[str]]) -> list[list[
 
 
 def _groups(points: object) -> dict[str, list[str]]:
-    """Return entry points, which are a text or lists or texts by group, as known lines by group."""
+    """Return entry points, given as one INI text, or as texts or lists by group, as known lines by group."""
     groups: dict[str, list[str]] = {}
     if isinstance(points, str):
         lines: list[str] = []
@@ -248,7 +251,7 @@ def _groups(points: object) -> dict[str, list[str]]:
 
 
 def _entry_lines(given: object) -> Iterator[str]:
-    """Yield the lines of a text, or of texts in lists and keys of dicts, without comments, as setuptools does."""
+    """Yield the lines of entry points without comments, from a text, or texts in lists and keys of dicts."""
     if isinstance(given, str):
         stripped = (line.strip() for line in given.splitlines())
         yield from (line for line in stripped if line and not line.startswith("#"))
@@ -268,6 +271,6 @@ def _lines(table: object) -> list[str]:
 
 
 def _words(value: str) -> list[str]:
-    """Return the words of a list in setup.cfg, which are on lines or separated by commas."""
+    """Return the words of a list value in setup.cfg, which are on lines or separated by commas."""
     parts = value.splitlines() if "\n" in value else value.split(",")
     return [part.strip() for part in parts if part.strip()]

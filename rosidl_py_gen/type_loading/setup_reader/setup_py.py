@@ -1,10 +1,10 @@
-"""Arguments of `setup` in a setup.py, read from its syntax tree without running it.
+"""Reader of the arguments of `setup` in a setup.py, from its syntax tree without running it.
 
-An interpreter executes the statements in their order, with values that it knows. It understands functions of the
-file, loops over known elements, and common functions for paths, texts and lists. It knows its limits:
+An interpreter executes the statements in their order, with values that it knows. It understands functions of the file,
+loops over known elements, and common functions for paths, texts and lists. It knows its limits:
 
 - A statement or call that it does not understand makes all values uncertain that the statement can reach by its names.
-- A branch whose condition is unknown is executed with a doubt: what it changes is uncertain.
+- A branch whose condition is unknown is executed with a doubt: the values that it changes become uncertain.
 - A list that is uncertain keeps its known elements.
 
 So an argument is either right, or marked as uncertain with a reason.
@@ -26,15 +26,15 @@ from rosidl_py_gen.type_loading.setup_reader.values import DictValue, FileValue,
 from rosidl_py_gen.type_loading.setup_reader.variables import FunctionReturnError, ProgramEndError
 
 MAX_BYTES = 128 << 10
-"""Maximum characters of a setup.py: its syntax tree takes up to 700 bytes for each."""
+"""Maximum characters of a setup.py that is read: its syntax tree takes up to 700 bytes for each character."""
 ARGUMENTS = ("data_files", "packages", "package_dir", "py_modules", "scripts", "entry_points", "name", "version")
-"""Arguments of `setup` that decide about installed files."""
+"""Arguments of `setup` that decide which files are installed."""
 _COMMANDS = {"install", "install_data", "install_scripts", "install_lib", "build", "build_py", "develop"}
-"""Commands of setuptools that a build runs, and that may install more if setup.py replaces them."""
+"""Commands of setuptools that a build runs; a setup.py that replaces one may install more files."""
 
 
 class SetupSyntaxError(RosidlError):
-    """A setup.py is not Python, nested too deeply, or too long."""
+    """Error of a setup.py that is not Python, nested too deeply, or too long."""
 
 
 @dataclass
@@ -42,7 +42,7 @@ class SetupArguments:
     """Arguments of all calls of `setup` in a setup.py.
 
     Attributes:
-        values: texts, numbers, lists, and dicts with texts as keys by argument; None for a part that is not known.
+        values: texts, numbers, lists, and dicts with texts as keys, by argument; None for a part that is not known.
         uncertain: reasons by argument, for each of `ARGUMENTS` that may have another value.
     """
 
@@ -51,7 +51,7 @@ class SetupArguments:
 
 
 def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArguments:
-    """Return the arguments of `setup`; if they take too much work, only the literal parts of them.
+    """Return the arguments of `setup` in a setup.py; if reading takes too much work, only their literal parts.
 
     Raises:
         SetupSyntaxError: the text is not Python, nested too deeply, or too long.
@@ -74,7 +74,7 @@ def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArgume
 
 
 def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
-    """Return the arguments of several calls of `setup` together."""
+    """Return the arguments of several calls of `setup` merged: lists and dicts are joined, other values replaced."""
     found = SetupArguments()
     for call in calls:
         for name, value in call.items():
@@ -86,7 +86,7 @@ def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
 
 
 def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
-    """Return the arguments of all calls of `setup` that are literals; they are uncertain for the reason `why`."""
+    """Return the literal parts of the arguments of all calls of `setup`; all are uncertain for the reason `why`."""
     calls = []
     names = (*ARGUMENTS, "options")
     for node in ast.walk(tree):
@@ -96,7 +96,7 @@ def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
 
 
 def _literal(node: ast.expr) -> object:
-    """Return the value of a literal, with None for other parts."""
+    """Return the value of a literal in a syntax tree, with None for parts that are not literals."""
     match node:
         case ast.Constant(value=str() | int() as value):
             return value
@@ -160,7 +160,7 @@ class _Interpreter(Expressions):
         self._distrust(node, scope, why)
 
     def _doubtful(self, body: Sequence[ast.stmt], scope: Scope, why: str) -> None:
-        """Execute statements that may not be executed, or may be executed often."""
+        """Execute statements that may not be executed, or may be executed repeatedly, for the reason `why`."""
         self._doubts.append(why)
         try:
             self._run(body, scope)
@@ -246,7 +246,7 @@ class _Interpreter(Expressions):
         return Unknown(f"the module {name}", is_harmless=root in ("numpy", "catkin_pkg", "torch"))
 
     def _own_import(self, name: str) -> str:
-        """Return the reason for a module of the package, whose code may do anything to files."""
+        """Return the reason "the import of NAME", and doubt all files: a module of the package may change them."""
         why = self._at(f"the import of {name or '.'}")
         self._folder.changes = self._folder.changes or why
         return why
@@ -284,7 +284,7 @@ class _Interpreter(Expressions):
         self._loop(node, scope, self._iterate(self._value(node.iter, scope)))
 
     def _loop(self, node: ast.For | ast.While, scope: Scope, elements: Iterator[object]) -> None:
-        """Execute the body of a loop for each element, and its else."""
+        """Execute the body of a loop for each element, and then its ``else`` block."""
         self._loops.append(len(self._doubts))
         self._doubts.append("")
         try:
@@ -315,7 +315,7 @@ class _Interpreter(Expressions):
         self._loop(node, scope, self._tests(node.test, scope))
 
     def _tests(self, test: ast.expr, scope: Scope) -> Iterator[object]:
-        """Yield as long as the test of a loop is true; a gap if that is unknown."""
+        """Yield None as long as the test of a while loop is true; yield one `Gap` and stop if its truth is unknown."""
         while (result := self._truth(self._value(test, scope))) is not False:
             if isinstance(result, str):
                 yield Gap(result)
@@ -333,7 +333,7 @@ class _Interpreter(Expressions):
         self._leave(FunctionReturnError(value))
 
     def _leave(self, signal: _Break | _Continue | FunctionReturnError) -> None:
-        """Leave a loop or function; if that may not happen, the rest of it is executed with a doubt."""
+        """Leave a loop or function by raising `signal`; if that may not happen, continue with a doubt instead."""
         if isinstance(signal, FunctionReturnError):
             start = self._starts[-1] if self._starts else 0
             # Every loop of the call, and the call itself, may be left here.
@@ -385,7 +385,7 @@ class _Interpreter(Expressions):
     _run_TryStar = _run_Try
 
     def _imports_known(self, body: Sequence[ast.stmt]) -> bool:
-        """Return True for imports of modules that exist in every environment."""
+        """Return True if a block imports only modules that exist in every environment."""
         names: list[str] = []
         for node in body:
             if isinstance(node, ast.ImportFrom):
@@ -396,7 +396,7 @@ class _Interpreter(Expressions):
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Return an assignment target as an expression that is read."""
+    """Return the target of an assignment as an expression that reads the target."""
     match target:
         case ast.Name(id=name):
             return ast.Name(name, ast.Load())
@@ -408,13 +408,13 @@ def _loaded(target: ast.expr) -> ast.expr:
 
 
 def _is_open(node: ast.expr) -> bool:
-    """Return True for a call of `open`, which never hides an exception."""
+    """Return True for a call of `open`; as a context manager, its file never hides an exception."""
     called = node.func if isinstance(node, ast.Call) else None
     return getattr(called, "id", getattr(called, "attr", "")) == "open"
 
 
 def _merged(old: object, new: object) -> object:
-    """Return the values of an argument of two calls together."""
+    """Return the value of an argument from two calls of `setup`: joined lists or dicts, else the new value."""
     if isinstance(old, list) and isinstance(new, list):
         return old + new
     if isinstance(old, dict) and isinstance(new, dict):

@@ -1,7 +1,7 @@
 """Values of expressions in a setup.py that is read without running it.
 
 Texts, numbers, None, `range` and paths are their own values. Lists and dicts are objects with an identity, so that a
-change by one name is seen by the others. A value that is not known has a reason, for people.
+change by one name is seen by the others. A value that is not known has a reason, which people can read.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 
 PLAIN_TYPES = (str, int, float, type(None), range, PurePosixPath)
-"""Types of values that have no parts and never change."""
+"""Python types of values that have no parts and never change."""
 
 
 class UncertainError(RosidlError):
-    """A value is not known completely; the text is the reason."""
+    """Error of a value in a setup.py that is not known completely; the text is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Element of an iteration that represents an unknown number of other elements; `why` is the reason."""
+    """Placeholder for an unknown number of elements in an iteration; `why` is the reason."""
 
     why: str
 
 
 @dataclass(slots=True, eq=False)
 class ListValue:
-    """List or tuple; with a reason `why` it may have other elements, or lack some."""
+    """List or tuple in a setup.py; with a reason `why`, it may have other elements, or lack some."""
 
     items: list[object] = field(default_factory=list)
     is_tuple: bool = False
@@ -44,7 +44,7 @@ class ListValue:
 
 @dataclass(slots=True, eq=False)
 class DictValue:
-    """Dict with plain keys; with a reason `why` it may have other items, or lack some."""
+    """Dict with plain keys in a setup.py; with a reason `why`, it may have other items, or lack some."""
 
     items: dict[object, object] = field(default_factory=dict)
     has_default_list: bool = False
@@ -53,7 +53,7 @@ class DictValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewValue:
-    """View of the keys, values or items of a dict."""
+    """View of the keys, values or items of a dict in a setup.py."""
 
     base: DictValue
     kind: str
@@ -61,14 +61,14 @@ class ViewValue:
 
 @dataclass(slots=True, eq=False)
 class IteratorValue:
-    """Iterator, which can be consumed once; its elements may be gaps."""
+    """Iterator in a setup.py, which can be consumed once; its elements may be gaps."""
 
     elements: Iterator[object]
 
 
 @dataclass(slots=True, eq=False)
 class FileValue:
-    """Text file that is open for reading, at a position; with a reason `why`, more or less of it may be left."""
+    """Text file that a setup.py has opened, at a reading position; with a reason `why`, the position is uncertain."""
 
     text: str
     position: int = 0
@@ -77,14 +77,14 @@ class FileValue:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Module, function or class with a meaning for the reader, by its full name."""
+    """Module, function or class that the reader of setup.py understands, by its full name."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
-    """Method of a value."""
+    """Method bound to a value in a setup.py."""
 
     base: object
     name: str
@@ -92,7 +92,10 @@ class Bound:
 
 @dataclass(slots=True, eq=False)
 class Scope:
-    """Variables of a module, function or comprehension; `redirected` are the names that belong to an outer scope."""
+    """Variables of a module, function or comprehension in a setup.py.
+
+    `redirected` has the names that ``global`` or ``nonlocal`` assign to an outer scope.
+    """
 
     names: dict[str, object] = field(default_factory=dict)
     outer: Scope | None = None
@@ -100,7 +103,7 @@ class Scope:
     is_comprehension: bool = False
 
     def holder(self, name: str) -> Scope | None:
-        """Return the scope that has a variable, or None."""
+        """Return the scope, this or an outer one, in which a variable has its value; None if no scope has it."""
         scope: Scope | None = self
         while scope is not None:
             if name in scope.redirected:
@@ -117,11 +120,11 @@ Names = frozenset[tuple[str, Scope]]
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """Value that cannot be determined.
+    """Value in a setup.py that cannot be determined.
 
     Attributes:
         why: the reason.
-        names: variables, with scopes in which they are found, that a use of the value may change.
+        names: variables, with the scopes in which they are found, that a use of the value may change.
         is_harmless: a call of the value changes no files.
     """
 
@@ -132,7 +135,7 @@ class Unknown:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FunctionValue:
-    """Function or lambda of the file, with the values of its defaults."""
+    """Function or lambda that a setup.py defines, with the values of its parameters' defaults."""
 
     node: ast.FunctionDef | ast.Lambda
     scope: Scope
@@ -141,7 +144,7 @@ class FunctionValue:
 
 
 def plain(value: object, budget: PackageBudget) -> object:
-    """Return a value as an object of Python; raises `UncertainError` if a part is not known."""
+    """Return a value of setup.py as a Python object; raises `UncertainError` if a part is not known."""
     budget.step()
     if isinstance(value, PLAIN_TYPES):
         return value
@@ -156,7 +159,7 @@ def plain(value: object, budget: PackageBudget) -> object:
 
 
 def known_part(value: object, budget: PackageBudget) -> tuple[object, str]:
-    """Return a value as an object of Python with None for unknown parts, and the first reason, or an empty text."""
+    """Return a value of setup.py as a Python object with None for unknown parts, and the first reason or ""."""
     budget.step()
     if isinstance(value, PurePosixPath):
         return str(value), ""
@@ -173,7 +176,7 @@ def known_part(value: object, budget: PackageBudget) -> tuple[object, str]:
 
 
 def wrapped(value: object) -> object:
-    """Return an object of Python as a value."""
+    """Return a Python object as a value of setup.py: lists and tuples become `ListValue`."""
     if isinstance(value, list | tuple):
         return ListValue([wrapped(item) for item in value], isinstance(value, tuple))
     return value

@@ -1,4 +1,4 @@
-"""Variables and doubts of the interpreter of setup.py."""
+"""Variables of a setup.py that is read without running it, and doubts about their values."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
 
 
 class ProgramEndError(RosidlError):
-    """The program ends; the text is the reason."""
+    """Signal that the setup.py ends here; the text is the reason."""
 
 
 class FunctionReturnError(RosidlError):
-    """A function returns `value`."""
+    """Signal that a function of the setup.py returns `value`."""
 
     def __init__(self, value: object) -> None:
         self.value = value
 
 
 class Variables:
-    """Values of variables, and the reasons why they are uncertain."""
+    """Values of the variables in a setup.py, and the reasons why they are uncertain."""
 
     def __init__(self, folder: Path, budget: PackageBudget) -> None:
         self._budget = budget
@@ -67,16 +67,16 @@ class Variables:
         self._line = 0
 
     def _call(self, function: object, args: list[object], words: Words, name: str = "") -> object:
-        """Return the result of a call."""
+        """Return the result of calling a function value with positional arguments and keyword arguments `words`."""
         raise NotImplementedError
 
     def _doubt(self) -> str:
-        """Return the reason why the current statement may not be executed, or may be executed often; else empty."""
+        """Return the reason why the current statement may not be executed, or may be repeated; "" if it is certain."""
         return self._lost or next(filter(None, self._doubts), "")
 
     @contextmanager
     def _doubting(self, why: str) -> Iterator[None]:
-        """Evaluate something that may not be evaluated, for a reason; with an empty one, it certainly is."""
+        """Evaluate the block with a doubt: it may not be evaluated, for the reason `why`; "" means no doubt."""
         if why:
             self._doubts.append(why)
         try:
@@ -94,7 +94,7 @@ class Variables:
         return Unknown(self._lost)
 
     def _names_in(self, node: ast.AST) -> frozenset[str]:
-        """Return the names of variables in a node."""
+        """Return the names of all variables that a syntax node mentions."""
         if id(node) not in self._mentioned:
             names = set()
             for inner in ast.walk(node):
@@ -107,7 +107,7 @@ class Variables:
         return self._mentioned[id(node)][1]
 
     def _touch(self, value: object, why: str) -> None:
-        """Mark a value, and all that can be reached from it, as uncertain."""
+        """Mark a value, and all values that can be reached from it, as uncertain for the reason `why`."""
         waiting = [value]
         visited: dict[int, object] = {}  # with the objects, so that no other object gets the number
         while waiting:
@@ -146,7 +146,7 @@ class Variables:
         return found
 
     def _forget_globals(self, node: ast.AST, why: str) -> None:
-        """Make the variables uncertain that a function may assign outside of itself."""
+        """Mark the module's variables as uncertain that a function assigns by ``global`` or ``nonlocal``."""
         for inner in ast.walk(node):
             self._budget.step()
             if isinstance(inner, ast.Global | ast.Nonlocal):
@@ -155,7 +155,7 @@ class Variables:
                         self._module.names[name] = self._joined(value, Unknown(why), why)
 
     def _distrust(self, node: ast.AST, scope: Scope, why: str) -> None:
-        """Make everything uncertain that a statement may change."""
+        """Mark all variables and values that a statement may change as uncertain for the reason `why`."""
         for value in self._values_of((name, scope) for name in self._names_in(node)):
             self._touch(value, why)
         for inner in ast.walk(node):
@@ -166,7 +166,7 @@ class Variables:
                 holder.names[inner.id] = self._joined(value, Unknown(why), why)
 
     def _joined(self, old: object, new: object, why: str) -> object:
-        """Return a value for a variable that has one of two values."""
+        """Return the value of a variable that has one of two values; it is uncertain unless both are equal."""
         if old is new or (isinstance(old, PLAIN_TYPES) and type(old) is type(new) and old == new):
             return new
         self._touch(old, why)
@@ -189,7 +189,7 @@ class Variables:
         return frozenset((name, scope) for name in names)
 
     def _reach(self, *values: object) -> Names:
-        """Return the names of variables that a call of unknown code may change that has some values."""
+        """Return the names of the variables that unknown code may change if it gets these values."""
         names: Names = frozenset()
         for value in values:
             if isinstance(value, Unknown):
@@ -205,7 +205,10 @@ class Variables:
         return names
 
     def _bind(self, name: str, value: object, scope: Scope, is_fresh: bool = False) -> None:
-        """Assign to a variable; one that is fresh has no other value: it is the target of a loop or comprehension."""
+        """Assign a value to a variable; with a doubt, the variable keeps its old value as a possibility.
+
+        A fresh variable has no old value: it is the target of a loop or comprehension.
+        """
         holder = scope.redirected.get(name, scope)
         why = self._doubt() if not is_fresh else ""
         if why and self._frames and holder is scope is self._frames[-1] and not self._lost:
@@ -229,7 +232,7 @@ class Variables:
         return Unknown(f"the name {name}")
 
     def _truth(self, value: object) -> bool | str:
-        """Return the truth of a value, or the reason why it is unknown."""
+        """Return True or False for a value's truth, or the reason as a text if its truth is unknown."""
         if isinstance(value, PLAIN_TYPES):
             return bool(value) if not isinstance(value, PurePosixPath) else True
         if isinstance(value, ListValue | DictValue) and not value.why:
@@ -243,7 +246,7 @@ class Variables:
         return located(why, self._line) if why else self._at("a condition")
 
     def _iterate(self, value: object) -> Iterator[object]:
-        """Yield the elements of a value, with gaps for unknown elements."""
+        """Yield the elements of a value in a setup.py, with a `Gap` for unknown elements."""
         if isinstance(value, ListValue):
             index, has_gap = 0, False
             while True:  # it may grow, and become uncertain
@@ -278,7 +281,7 @@ class Variables:
             yield Gap(located(getattr(value, "why", "") or "an iteration", self._line))
 
     def _consume(self, value: IteratorValue) -> Iterator[object]:
-        """Yield the elements of an iterator; what is consumed with a doubt may still be in it."""
+        """Yield the elements of an iterator; elements that are consumed with a doubt may still be in it."""
         while not (why := self._doubt()):
             self._budget.step()
             try:
@@ -300,7 +303,7 @@ class Variables:
         yield from others
 
     def _lines(self, file: FileValue) -> Iterator[object]:
-        """Yield the lines that are left in a file; those that are read with a doubt may still be in it."""
+        """Yield the remaining lines of a file; lines that are read with a doubt may still be in it."""
         if file.why:
             yield Gap(file.why)
             return
@@ -316,7 +319,7 @@ class Variables:
             yield file.text[start : file.position]
 
     def _each(self, source: Iterator[object], why: str = "") -> Iterator[tuple[object, str]]:
-        """Yield elements, each with the reason why it may be missing: after a gap, all of them may."""
+        """Yield the elements of an iterator, each with the reason why it may be missing; after a gap, all may be."""
         while True:
             with self._doubting(why):
                 element = next(source, self)
