@@ -232,7 +232,10 @@ def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[An
         result = values.astype(kind)
         lost = (np.isfinite(values) & ~np.isfinite(result)) if kind.kind == "f" else result != values
     if lost.any():
-        raise ConversionError(f"array: {values[lost].flat[0]!r} is out of the range of {kind}")
+        value = values[lost].flat[0]
+        has_fraction = kind.kind != "f" and np.isfinite(value) and value != np.trunc(value)
+        reason = "has a fraction; expected an integer for" if has_fraction else "is out of the range of"
+        raise ConversionError(f"array: {value!r} {reason} {kind}")
     return result
 
 

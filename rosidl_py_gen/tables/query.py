@@ -263,13 +263,14 @@ class Result:
         if form != "json":
             _call(lambda: self._connection.execute(f"copy (from {self._name}) to {_literal(path)} (format {form})"))
             return
-        try:
-            with open(path, "x", encoding="utf-8") as stream:
+        with open(path, "x", encoding="utf-8") as stream:
+            try:
                 stream.writelines(f"{line}\n" for line in self.json_lines())
-        except BaseException:
-            with suppress(OSError):
-                os.remove(path)
-            raise
+                stream.flush()
+            except BaseException:
+                with suppress(OSError):
+                    os.remove(path)
+                raise
 
 
 def _call(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:

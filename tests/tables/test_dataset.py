@@ -215,6 +215,17 @@ def test_invalid_sql_query_is_an_error(drive: Path, query: str, error_text: str)
         list(base.run(query).rows())
 
 
+def test_json_result_never_replaces_or_removes_a_file(tmp_path: Path) -> None:
+    target = tmp_path / "result.json"
+    target.write_text("of the user")
+    with Database() as base, pytest.raises(FileExistsError):
+        base.run("select 1").write(str(target), "json")
+    assert target.read_text() == "of the user"
+    with Database() as base, pytest.raises(BagError, match="Conversion Error"):
+        base.run("select cast(x as int) from (values ('1'), ('no')) as t(x)").write(str(tmp_path / "new.json"), "json")
+    assert not (tmp_path / "new.json").exists()
+
+
 def test_sql_query_may_use_one_of_two_topics_that_differ_in_case(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.write("/Imu", Imu(), 1)

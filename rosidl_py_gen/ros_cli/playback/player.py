@@ -268,11 +268,11 @@ class Player:
 
     def state(self) -> str:
         """Return the progress of playback as a line of text."""
-        length = duration_text(self._part.end_ns - self._part.start_ns)
-        at = duration_text(min(max(0, self.timeline.now_ns() - self._part.start_ns), self._part.end_ns))
+        length_ns = self._part.end_ns - self._part.start_ns
+        at = duration_text(min(max(0, self.timeline.now_ns() - self._part.start_ns), length_ns))
         rate = "" if self.timeline.rate == 1 else f", at {self.timeline.rate:g} times the rate"
         paused = ", paused" if self.timeline.is_paused else ""
-        return f"{at} of {length}, {pluralize(self.count, 'message')}{rate}{paused}"
+        return f"{at} of {duration_text(length_ns)}, {pluralize(self.count, 'message')}{rate}{paused}"
 
 
 def _remapped_names(
