@@ -137,7 +137,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self._guards: list[FailureGuard] = []
         self._close_latch = Latch()
         self.clock: Clock = self._scope.make_clock()
-        """ROS time; system time until simulated time is switched on."""
+        """Clock of ROS time, which is system time until simulated time is switched on."""
         core.adopt(self, is_reserved=context is None)
         for sentence in own_arguments.warnings:
             self.logger.warning(sentence)
@@ -162,7 +162,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raise
 
     def _start_rosout(self, qos: QoSProfile) -> None:
-        """Publish log records on ``/rosout``, unless the command line disables it."""
+        """Publish log records of the node on ``/rosout``, unless the command line disables it."""
         if self.context._core.ros_arguments.logs.rosout:
             _start_rosout(self._scope, qos)
 
@@ -181,7 +181,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     @property
     def fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+        """Namespace and name after remapping: ``/ns/name``."""
         return self._names.fully_qualified_name
 
     @property
@@ -353,7 +353,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._scope.failures.raise_pending()
 
     async def __aenter__(self) -> Self:
-        """Attach the running loop; raises `ClosedError`, or `WrongEventLoopError` if the context has another loop."""
+        """Attach the running event loop.
+
+        Raises:
+            ClosedError: the node is closed.
+            WrongEventLoopError: another event loop serves the context.
+        """
         try:
             self._require_open()
             self.context._core.loop_binding.running_loop()
@@ -372,7 +377,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
-        """Close all entities, wake up their waiters, and withdraw the node; may be called twice."""
+        """Close all entities, wake up the tasks that wait for them, and withdraw the node; may be called twice."""
         if self._scope.closed or not self._close_latch.set():
             return
         if (error := self.context._core.take_never_ran_error(self._scope)) is not None:
@@ -413,7 +418,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     @property
     def entities(self) -> list[Entity]:
-        """Open publishers, subscriptions, clients, servers, timers and actions, oldest first; also the node's own."""
+        """Open publishers, subscriptions, clients, servers, timers and actions, oldest first, also internal ones."""
         return [one for one in list(self._scope.owned.values()) if isinstance(one, Entity)]
 
     def __repr__(self) -> str:
@@ -433,7 +438,7 @@ def _start_rosout(scope: EntityScope, qos: QoSProfile) -> None:
 
 
 def log_message(record: logging.LogRecord) -> Log:
-    """Convert a log record; its stamp is system time, also with simulated time."""
+    """Convert a log record to a ``rcl_interfaces/msg/Log``; its stamp is system time, also with simulated time."""
     sec, nanosec = sec_nanosec(round(record.created * NS_PER_S))
     return Log(
         stamp=Time(sec=sec, nanosec=nanosec),
