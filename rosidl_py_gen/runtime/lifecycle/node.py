@@ -25,15 +25,15 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class LifecycleNode(Node):
-    """Node that peers configure, activate and shut down; arguments as `Node`.
+    """Lifecycle node, which peers configure, activate and shut down; arguments as for `Node`.
 
     Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Each ``on_...`` may be plain
     or async, gets the previous state, and returns a `TransitionCallbackReturn` or a number TRANSITION_CALLBACK_... .
     None and other true values mean SUCCESS, false values FAILURE, an exception ERROR. Without its own `on_error` a
     failed node is finalized.
 
-    A transition that is cancelled ends as an error: `on_error` runs and decides about the state, then the caller gets
-    its CancelledError. A callback that suppresses the cancellation decides by its return value.
+    A transition whose caller is cancelled ends as an error: `on_error` runs and decides about the state, then the
+    caller gets its CancelledError. A callback that suppresses the cancellation decides by its return value.
     """
 
     _machine: LifecycleMachine
@@ -45,27 +45,27 @@ class LifecycleNode(Node):
         return self.state is State.UNCONFIGURED
 
     def on_configure(self, state: State) -> Any:
-        """Prepare the node, which becomes inactive."""
+        """Prepare the node (override this method); on success the node becomes inactive."""
 
     def on_cleanup(self, state: State) -> Any:
-        """Undo `on_configure`."""
+        """Undo `on_configure` (override this method); on success the node becomes unconfigured."""
 
     def on_activate(self, state: State) -> Any:
-        """Start working."""
+        """Start working (override this method); on success the node becomes active."""
 
     def on_deactivate(self, state: State) -> Any:
-        """Stop working."""
+        """Stop working (override this method); on success the node becomes inactive."""
 
     def on_shutdown(self, state: State) -> Any:
-        """Release everything; the node becomes finalized."""
+        """Release all resources (override this method); the node becomes finalized."""
 
     def on_error(self, state: State) -> Any:
-        """Recover: SUCCESS makes the node unconfigured, all else finalized."""
+        """Recover from an error (override this method): SUCCESS makes the node unconfigured, all else finalized."""
         return TransitionCallbackReturn.FAILURE
 
     @property
     def state(self) -> State:
-        """Current state."""
+        """Current lifecycle state of the node."""
         return self._machine.state
 
     async def configure(self) -> TransitionCallbackReturn:

@@ -60,7 +60,7 @@ class ConsoleSettings:
 
 
 def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
-    """Return the console settings of the ``RCUTILS_...`` variables; switches with values other than 0 and 1 are ignored."""
+    """Return the console settings of the ``RCUTILS_...`` variables; a switch counts only if its value is 0 or 1."""
     colorized = {"0": False, "1": True}.get(environ.get("RCUTILS_COLORIZED_OUTPUT", ""))
     return ConsoleSettings(
         environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT,
