@@ -4,7 +4,7 @@ from rclpy._rclpy_pybind11 import EnumOfC
 
 
 class ServiceIntrospectionState(EnumOfC):
-    """Content of service events: none, metadata, or the requests and responses as well."""
+    """Contents of the introspection events of a service: none, metadata, or also the requests and responses."""
 
     OFF = 0
     METADATA = 1
