@@ -1,4 +1,4 @@
-"""rclpy of ROS 2 Jazzy on the nodes of rosidl_py_gen: `init` a context, create a `Node`, `spin`, `shutdown`."""
+"""API of rclpy (ROS 2 Jazzy) on the nodes of rosidl_py_gen: `init` a context, create a `Node`, `spin`, `shutdown`."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def create_node(
     automatically_declare_parameters_from_overrides: bool = False,
     enable_logger_service: bool = False,
 ) -> Node:
-    """Create a `rclpy.node.Node`; the arguments are those of its constructor."""
+    """Create a `rclpy.node.Node`, whose constructor takes the same arguments."""
     arguments = locals().copy()
     from rclpy.node import Node
 

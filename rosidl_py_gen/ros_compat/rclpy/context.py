@@ -1,4 +1,4 @@
-"""Contexts: from `rclpy.init` to `rclpy.shutdown`."""
+"""Contexts, which are open from `rclpy.init` to `rclpy.shutdown`."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ class EventHandler(Waitable):
             wait_set.add_event(self._rosidl_event)
 
     def destroy(self) -> None:
-        """Stop waiting for the event."""
+        """Stop waiting for events of this kind."""
         self._rosidl_event.destroy_when_not_in_use()
 
 

@@ -61,7 +61,7 @@ class QoSOverridingOptions:
     def with_default_policies(
         cls, *, callback: QosCallbackType | None = None, entity_id: str | None = None
     ) -> QoSOverridingOptions:
-        """Return options for history, depth and reliability."""
+        """Return options with which parameters can override history, depth and reliability."""
         kinds = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
         return cls(kinds, callback=callback, entity_id=entity_id)
 

@@ -1,4 +1,4 @@
-"""States of service introspection."""
+"""States of service introspection: off, metadata, contents."""
 
 from rclpy._rclpy_pybind11 import EnumOfC
 

@@ -184,7 +184,7 @@ class Task(Future[T]):
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:
-        """Run or resume the task; do nothing if another thread runs it or it has ended."""
+        """Run or resume the task; do nothing if another thread runs the task, or if it has ended."""
         if not self._pending() or self._executing or not self._task_lock.acquire(blocking=False):
             return
         try:

@@ -6,7 +6,7 @@ from rclpy.impl._fields import Checked
 
 
 class TypeHashDictionary(TypedDict):
-    """Arguments of `TypeHash`."""
+    """Dict with the arguments of `TypeHash`."""
 
     version: int
     value: bytes

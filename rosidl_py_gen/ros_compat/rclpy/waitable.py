@@ -75,7 +75,7 @@ class WaitSet:
     add_event = partialmethod(_add, "event")
 
     def is_ready(self, entity_type: str, index: int) -> bool:
-        """Return True if the handle with an index is ready, among those of a kind such as ``"subscription"``."""
+        """Return True if the handle with an index, of a kind such as ``"subscription"``, is ready."""
         key = entity_type, index
         if key not in self._ready:
             handle = self._handles[entity_type][index]

@@ -1,4 +1,4 @@
-"""Buffer of transforms, which listeners fill."""
+"""Buffer of transforms between frames, which transform listeners fill."""
 
 from __future__ import annotations
 

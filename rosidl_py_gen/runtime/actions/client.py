@@ -123,13 +123,13 @@ class ClientGoal(Generic[ActionT_co]):
 
     @property
     def goal(self: ClientGoal[Action[GoalT, Any, Any]]) -> GoalT:
-        """Goal message that was sent."""
+        """Goal message that was sent to the server."""
         goal: GoalT = self._goal
         return goal
 
     @property
     def status(self) -> GoalStatus:
-        """Newest status that was received."""
+        """Newest status of the goal that was received."""
         return self._status
 
     @property
@@ -240,7 +240,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         return self._is_available.get()
 
     def server_is_ready(self) -> bool:
-        """Return `server_is_available()`; the name in rclpy."""
+        """Return `server_is_available()`; for compatibility with rclpy."""
         return self.server_is_available()
 
     def _missing(self) -> list[str]:
@@ -257,7 +257,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         return next((topic._why_unmatched() for topic in silent), "")
 
     async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until `server_is_available`.
+        """Wait until all three services and both topics of a server are matched.
 
         Raises:
             WaitTimeoutError: no server was matched within `timeout_s`.

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
 
 CHECK_INTERVAL_S = 0.5
-"""Interval of the checks of servers while results are pending."""
+"""Interval at which an action client checks its servers while results are pending."""
 _BATCH_INTERVAL_S = 0.01
 """Interval between bursts of result requests; it delays no result, because servers reply when goals end."""
 RETRY_DELAY_S = 0.5

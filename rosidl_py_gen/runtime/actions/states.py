@@ -121,7 +121,7 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
         (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
     }
 )
-"""Next status for each status and event; a missing pair is an error."""
+"""(status, event) -> next status of a goal; an event is not possible in a status if the pair is missing."""
 # Source: docs/internals/protocol.md 8.2.
 TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
 """Event that ends a goal -> final status of the goal."""

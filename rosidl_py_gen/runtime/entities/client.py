@@ -81,7 +81,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return self._available().is_available
 
     def service_is_ready(self) -> bool:
-        """Return `service_is_available()`; the name in rclpy."""
+        """Return `service_is_available()`; for compatibility with rclpy."""
         return self.service_is_available()
 
     async def wait_for_service(self, timeout_s: float | None = None) -> Literal[True]:

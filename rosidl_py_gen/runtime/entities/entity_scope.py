@@ -68,7 +68,7 @@ class Entity:
         raise NotImplementedError
 
     def destroy(self) -> None:
-        """Do the same as `close`; the name in rclpy."""
+        """Do the same as `close`; for compatibility with rclpy."""
         self.close()
 
     def _described(self) -> str:

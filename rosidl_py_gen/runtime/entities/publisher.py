@@ -130,12 +130,12 @@ class Publisher(Entity, Generic[T]):
         return 0 if self._closed else len(self._writer.matched_readers())
 
     def get_subscription_count(self) -> int:
-        """Return `subscription_count`; the name in rclpy."""
+        """Return `subscription_count`; for compatibility with rclpy."""
         return self.subscription_count
 
     @property
     def topic_name(self) -> str:
-        """Topic name, equal to `topic`; the name in rclpy."""
+        """Topic name, equal to `topic`; for compatibility with rclpy."""
         return self.topic
 
     def matched_subscriptions(self) -> list[bytes]:

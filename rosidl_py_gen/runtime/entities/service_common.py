@@ -118,7 +118,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
 
     @property
     def srv_name(self) -> str:
-        """Service name, equal to `name`; the name in rclpy."""
+        """Service name, equal to `name`; for compatibility with rclpy."""
         return self.name
 
     @property

@@ -414,12 +414,12 @@ class Subscription(PollableEntity, Generic[T]):
         return 0 if self._closed else len(self._reader.matched_writers())
 
     def get_publisher_count(self) -> int:
-        """Return `publisher_count`; the name in rclpy."""
+        """Return `publisher_count`; for compatibility with rclpy."""
         return self.publisher_count
 
     @property
     def topic_name(self) -> str:
-        """Topic name, equal to `topic`; the name in rclpy."""
+        """Topic name, equal to `topic`; for compatibility with rclpy."""
         return self.topic
 
     @property

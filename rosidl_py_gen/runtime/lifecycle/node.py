@@ -69,7 +69,7 @@ class LifecycleNode(Node):
         return self._machine.state
 
     async def configure(self) -> TransitionCallbackReturn:
-        """Configure the node.
+        """Change from unconfigured to inactive, and return the result of `on_configure`.
 
         Raises:
             TransitionError: the node is not unconfigured.
@@ -79,7 +79,7 @@ class LifecycleNode(Node):
     configure_sync = blocking(configure)
 
     async def cleanup(self) -> TransitionCallbackReturn:
-        """Make the node unconfigured.
+        """Change from inactive to unconfigured, and return the result of `on_cleanup`.
 
         Raises:
             TransitionError: the node is not inactive.
@@ -89,7 +89,7 @@ class LifecycleNode(Node):
     cleanup_sync = blocking(cleanup)
 
     async def activate(self) -> TransitionCallbackReturn:
-        """Activate the node.
+        """Change from inactive to active, and return the result of `on_activate`.
 
         Raises:
             TransitionError: the node is not inactive.
@@ -99,7 +99,7 @@ class LifecycleNode(Node):
     activate_sync = blocking(activate)
 
     async def deactivate(self) -> TransitionCallbackReturn:
-        """Make the node inactive.
+        """Change from active to inactive, and return the result of `on_deactivate`.
 
         Raises:
             TransitionError: the node is not active.
@@ -109,7 +109,7 @@ class LifecycleNode(Node):
     deactivate_sync = blocking(deactivate)
 
     async def shutdown(self) -> TransitionCallbackReturn:
-        """Finalize the node.
+        """Change to finalized, and return the result of `on_shutdown`.
 
         Raises:
             TransitionError: the node is finalized, or in a transition.

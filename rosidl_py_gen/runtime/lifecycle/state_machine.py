@@ -285,7 +285,7 @@ class LifecycleMachine:
         """Call the callback of the current transition state.
 
         Returns:
-            result of the callback, and True if the calling task was cancelled meanwhile.
+            result of the callback, and True if the calling task was cancelled while the callback ran.
         """
         name = _CALLBACKS[self.state]
         if self._scope.closed:  # by the previous callback
@@ -331,7 +331,7 @@ def _transition_event_class() -> type[Any]:
 
 
 async def _await_uncancelled(task: asyncio.Future[Any]) -> bool:
-    """Wait for the end of a task; if the caller is cancelled, cancel the task, and return True after its end."""
+    """Wait for the end of a task; if the calling task is cancelled, cancel the task, and return True after its end."""
     cancelled = False
     while not task.done():
         try:

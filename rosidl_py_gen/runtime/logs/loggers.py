@@ -104,7 +104,7 @@ class RosLogger(logging.Logger):
         self._log_if(WARN, msg, args, **options)
 
     warn = warning
-    """Name of `warning` in rclpy."""
+    """Alias of `warning`, with the name that rclpy uses."""
 
     def error(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log a message at level ERROR."""
@@ -115,7 +115,7 @@ class RosLogger(logging.Logger):
         self._log_if(FATAL, msg, args, **options)
 
     critical = fatal
-    """Name of `fatal` in Python."""
+    """Alias of `fatal`, with the name that Python's `logging` uses."""
 
     def exception(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log a message at level ERROR with the traceback of the exception being handled."""
@@ -127,13 +127,13 @@ class RosLogger(logging.Logger):
         self._log_if(level, msg, args, **options)
 
     set_level = logging.Logger.setLevel
-    """Name of `setLevel` in rclpy."""
+    """Alias of `setLevel`, with the name that rclpy uses."""
 
     get_effective_level = logging.Logger.getEffectiveLevel
-    """Name of `getEffectiveLevel` in rclpy."""
+    """Alias of `getEffectiveLevel`, with the name that rclpy uses."""
 
     is_enabled_for = logging.Logger.isEnabledFor
-    """Name of `isEnabledFor` in rclpy."""
+    """Alias of `isEnabledFor`, with the name that rclpy uses."""
 
     def get_child(self, suffix: str) -> RosLogger:
         """Return the logger ``<name>.<suffix>``, whose records are published by the same node."""

@@ -143,11 +143,11 @@ class NodeNames:
         return fully_qualified_node_name(self.name, self.namespace)
 
     def resolve_topic(self, name: str) -> str:
-        """Expand, remap and validate a topic name; raises `InvalidNameError`."""
+        """Expand, remap and validate a topic name; raise `InvalidNameError` if it is invalid."""
         return self._resolve(name, RemapKind.TOPIC)
 
     def resolve_service(self, name: str) -> str:
-        """Expand, remap and validate a service name; raises `InvalidNameError`."""
+        """Expand, remap and validate a service name; raise `InvalidNameError` if it is invalid."""
         return self._resolve(name, RemapKind.SERVICE)
 
     def _resolve(self, name: str, kind: RemapKind) -> str:

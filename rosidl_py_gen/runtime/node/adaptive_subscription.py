@@ -154,7 +154,7 @@ class AdaptiveSubscription(Generic[T]):
         self._subscription._set_definition(message_type(msg_type), self._rest)
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Return the next message; raises like `Subscription.receive_with_info`.
+        """Return the next message with its `MessageInfo`; raises like `Subscription.receive_with_info`.
 
         There is no blocking form, because a task on the event loop watches the publishers; a script can use
         `Node.wait_for_message_sync`.

@@ -397,7 +397,7 @@ class Context:
         self._core.close()
 
     def shutdown(self) -> None:
-        """Do the same as `close`; the name in rclpy."""
+        """Do the same as `close`; for compatibility with rclpy."""
         self.close()
 
 

@@ -167,16 +167,16 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             _start_rosout(self._scope, qos)
 
     def _finish_open(self) -> None:
-        """Start what a subclass adds; the node is closed when this fails."""
+        """Start the additions of a subclass, which overrides the method; the node is closed if the method raises."""
 
     @property
     def name(self) -> str:
-        """Name without namespace, after remapping."""
+        """Name of the node without namespace, after remapping."""
         return self._names.name
 
     @property
     def namespace(self) -> str:
-        """Namespace after remapping: ``/`` or ``/ns``."""
+        """Namespace of the node after remapping: ``/`` or ``/ns``."""
         return self._names.namespace
 
     @property
@@ -186,35 +186,35 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     @property
     def logger(self) -> RosLogger:
-        """Logger with the ROS name ``ns.name``."""
+        """Logger of the node, with the ROS name ``ns.name``."""
         return self._scope.logger
 
     def get_name(self) -> str:
-        """Return `name`; the name in rclpy."""
+        """Return `name`; for compatibility with rclpy."""
         return self.name
 
     def get_namespace(self) -> str:
-        """Return `namespace`; the name in rclpy."""
+        """Return `namespace`; for compatibility with rclpy."""
         return self.namespace
 
     def get_fully_qualified_name(self) -> str:
-        """Return `fully_qualified_name`; the name in rclpy."""
+        """Return `fully_qualified_name`; for compatibility with rclpy."""
         return self.fully_qualified_name
 
     def get_logger(self) -> RosLogger:
-        """Return `logger`; the name in rclpy."""
+        """Return `logger`; for compatibility with rclpy."""
         return self.logger
 
     def get_clock(self) -> Clock:
-        """Return `clock`; the name in rclpy."""
+        """Return `clock`; for compatibility with rclpy."""
         return self.clock
 
     def resolve_topic_name(self, topic: str) -> str:
-        """Expand and remap a topic name; raises `InvalidNameError`."""
+        """Return the expanded and remapped name of a topic; raise `InvalidNameError` if it is invalid."""
         return self._names.resolve_topic(topic)
 
     def resolve_service_name(self, service: str) -> str:
-        """Expand and remap a service name; raises `InvalidNameError`."""
+        """Return the expanded and remapped name of a service; raise `InvalidNameError` if it is invalid."""
         return self._names.resolve_service(service)
 
     @overload
@@ -388,31 +388,31 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self.context._core.release(self)
 
     def destroy_node(self) -> None:
-        """Do the same as `close`; the name in rclpy."""
+        """Do the same as `close`; for compatibility with rclpy."""
         self.close()
 
     def destroy_publisher(self, publisher: Publisher[Any]) -> bool:
-        """Close a publisher and return True; the name in rclpy."""
+        """Close a publisher and return True; for compatibility with rclpy."""
         publisher.close()
         return True
 
     def destroy_subscription(self, subscription: Subscription[Any]) -> bool:
-        """Close a subscription and return True; the name in rclpy."""
+        """Close a subscription and return True; for compatibility with rclpy."""
         subscription.close()
         return True
 
     def destroy_service(self, service: ServiceServer[Any, Any]) -> bool:
-        """Close a service and return True; the name in rclpy."""
+        """Close a service and return True; for compatibility with rclpy."""
         service.close()
         return True
 
     def destroy_client(self, client: Client[Any, Any]) -> bool:
-        """Close a client and return True; the name in rclpy."""
+        """Close a client and return True; for compatibility with rclpy."""
         client.close()
         return True
 
     def destroy_timer(self, timer: Timer) -> bool:
-        """Close a timer and return True; the name in rclpy."""
+        """Close a timer and return True; for compatibility with rclpy."""
         timer.close()
         return True
 

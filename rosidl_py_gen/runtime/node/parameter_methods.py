@@ -52,7 +52,7 @@ ItemT = TypeVar("ItemT", bool, int, float, str)
 
 
 class ParameterChange(NamedTuple):
-    """Change of a parameter; `value` is None if it was unset or undeclared."""
+    """Change of a parameter; `value` is None if the parameter was unset or undeclared."""
 
     name: str
     value: PythonValue
@@ -282,7 +282,7 @@ class ParameterMethods(NodeBase):
         return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Return the descriptor of a parameter; raises `ParameterNotDeclaredError`."""
+        """Return the descriptor of a parameter; raise `ParameterNotDeclaredError` if the parameter is not declared."""
         return self._store.describe(require_name(name))
 
     def get_parameters_by_prefix(self, prefix: str = "") -> dict[str, Parameter]:
