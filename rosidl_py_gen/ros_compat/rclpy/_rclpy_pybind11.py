@@ -41,7 +41,7 @@ class UnsupportedEventTypeError(RCLError):
 
 
 class NotImplementedError(builtins.NotImplementedError):
-    """Raised when the middleware does not have a feature; not Python's exception of this name."""
+    """Raised when the middleware does not have a feature; a subclass of Python's exception of this name."""
 
 
 class RCUtilsError(RuntimeError):
@@ -168,7 +168,7 @@ def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
 
 
 def rclpy_logging_severity_level_from_string(severity: str, /) -> int:
-    """Return the number of a severity, given by its name in upper or lower case."""
+    """Return the number of a severity by its name, in upper or lower case; raise RuntimeError for an unknown name."""
     names = ("UNSET", "DEBUG", "INFO", "WARN", "ERROR", "FATAL")
     if severity.upper() not in names:
         raise RuntimeError(f"unknown severity {severity!r:.100}; expected one of {', '.join(names)}")

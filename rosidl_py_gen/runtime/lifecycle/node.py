@@ -69,7 +69,7 @@ class LifecycleNode(Node):
         return self._machine.state
 
     async def configure(self) -> TransitionCallbackReturn:
-        """Change from unconfigured to inactive, and return the result of `on_configure`.
+        """Change from unconfigured to inactive if `on_configure` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not unconfigured.
@@ -79,7 +79,7 @@ class LifecycleNode(Node):
     configure_sync = blocking(configure)
 
     async def cleanup(self) -> TransitionCallbackReturn:
-        """Change from inactive to unconfigured, and return the result of `on_cleanup`.
+        """Change from inactive to unconfigured if `on_cleanup` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not inactive.
@@ -89,7 +89,7 @@ class LifecycleNode(Node):
     cleanup_sync = blocking(cleanup)
 
     async def activate(self) -> TransitionCallbackReturn:
-        """Change from inactive to active, and return the result of `on_activate`.
+        """Change from inactive to active if `on_activate` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not inactive.
@@ -99,7 +99,7 @@ class LifecycleNode(Node):
     activate_sync = blocking(activate)
 
     async def deactivate(self) -> TransitionCallbackReturn:
-        """Change from active to inactive, and return the result of `on_deactivate`.
+        """Change from active to inactive if `on_deactivate` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not active.

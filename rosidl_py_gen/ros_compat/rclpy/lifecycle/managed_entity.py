@@ -18,9 +18,10 @@ class ManagedEntity:
     """
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Follow the transition from unconfigured to inactive, and return SUCCESS, FAILURE or ERROR.
+        """Accept the transition to inactive by returning SUCCESS; an override may return FAILURE or ERROR.
 
-        The methods below follow the other transitions; `on_error` follows a callback that raised or returned ERROR.
+        The methods `on_cleanup`, `on_shutdown`, `on_activate` and `on_deactivate` do the same for their transitions.
+        `on_error` follows a callback that raised or returned ERROR.
         """
         return TransitionCallbackReturn.SUCCESS
 
