@@ -1,7 +1,7 @@
 """ROS 2 nodes in Python: topics, services, actions, parameters, graph, QoS, clocks and timers.
 
-The public names are defined in `__init__.pyi`, and imported when they are first used. Cyclone DDS is loaded when the
-first context of that transport is opened.
+The public names are defined in `__init__.pyi`, and imported when they are first used. The library of Cyclone DDS is
+loaded when the first context with DDS is opened.
 """
 
 from rosidl_py_gen.cdr.lazy import stub_exports

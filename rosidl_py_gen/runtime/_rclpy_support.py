@@ -1,7 +1,7 @@
 """Internal functions of the runtime that the rclpy layer (`rosidl_py_gen/ros_compat`) uses; not a public interface.
 
-The layer may import public names and this module. It has its own classes for parameters, descriptors and profiles, so
-the functions have plain values as parameters.
+The layer may import only public names and this module. The layer has its own classes for parameters, descriptors and
+profiles, so the functions of this module have plain values as parameters.
 """
 
 from __future__ import annotations
@@ -36,22 +36,32 @@ if TYPE_CHECKING:
 
 
 def wire_topics_of_node(node: Node, name: str, namespace: str, *, writers: bool) -> NamesAndTypes:
-    """Return all topics that another node writes or reads, with topics of services, as named in the middleware."""
+    """Return all topics that a node writes or reads, topics of services included, with their names in the middleware.
+
+    Args:
+        node: node that has discovered the other one.
+        name: name of the other node.
+        namespace: namespace of the other node.
+        writers: return topics that the other node writes, else topics that it reads.
+    """
     return node._of_node(name, namespace, writers=writers, demangle=False)
 
 
 def start_rosout(node: Node, qos: QoSProfile) -> None:
-    """Publish the node's log records on ``/rosout`` with this profile, unless the command line disables it."""
+    """Publish the log records of a node on ``/rosout`` with a QoS profile, unless the command line disables it."""
     node._start_rosout(qos)
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceEndpoints:
-    """Client or server of a service, with its reader and its writer; one endpoint is both on Zenoh.
+    """Client or server of a service, with the GIDs and QoS profiles of its reader and writer.
+
+    On Zenoh a client or server has one endpoint, which is both.
 
     Attributes:
         service_type: ``pkg/srv/Name``, or the DDS type name of the reader if it is not a ROS type.
-        service_type_hash: RIHS01 text of the service; empty before Lyrical, which is the first to announce it.
+        service_type_hash: RIHS01 text of the service; empty before Lyrical, which is the first distribution to announce
+            it.
     """
 
     node_name: str
@@ -63,10 +73,13 @@ class ServiceEndpoints:
 
 
 def service_endpoints(node: Node, service: str, *, servers: bool, has_one_endpoint: bool) -> list[ServiceEndpoints]:
-    """Return the servers or clients of a service, given by its full name.
+    """Return the discovered servers or clients of a service.
 
     Args:
-        has_one_endpoint: the middleware has one endpoint for a client or server, as Zenoh, not a reader and a writer.
+        node: node that has discovered them.
+        service: fully qualified name of the service.
+        servers: return servers, else clients.
+        has_one_endpoint: the middleware has one endpoint for a client or server, like Zenoh, not a reader and a writer.
     """
     graph = node._refreshed_graph()
     requests, replies = TopicKey("request", service), TopicKey("reply", service)
@@ -95,7 +108,10 @@ def service_endpoints(node: Node, service: str, *, servers: bool, has_one_endpoi
 def _writer_of_service(
     graph: Graph, reader: DiscoveredEndpoint, writers: list[DiscoveredEndpoint]
 ) -> DiscoveredEndpoint | None:
-    """Return the writer of a reader's client or server: with its identifier, else the first one of its node."""
+    """Return the writer that belongs to the same client or server as a reader; None if there is none.
+
+    The writer has the same service identifier; without identifiers, it is the first writer of the reader's node.
+    """
     candidates = [writer for writer in writers if writer.participant_guid == reader.participant_guid]
     for writer in candidates:
         if reader.service_id and reader.service_id == writer.service_id:
@@ -107,5 +123,5 @@ def _writer_of_service(
 
 
 def tells_publisher_gid() -> bool:
-    """Return True if the information about a message has the GID of its publisher in the selected distribution."""
+    """Return True if `MessageInfo` has the GID of the publisher in the selected distribution (Lyrical and later)."""
     return is_selected_since("lyrical")

@@ -35,18 +35,18 @@ _ERROR_POLL_INTERVAL_S = 0.005
 
 
 class RosErrors:
-    """Exceptions of callbacks in one test, which fails with them unless it expects them."""
+    """Exceptions of callbacks in one test; the test fails with each exception that it does not expect."""
 
     def __init__(self) -> None:
         self.found: list[BaseException] = []
-        """All exceptions so far, oldest first."""
+        """All exceptions that callbacks of the test have raised so far, oldest first."""
         self._checked_count = 0
         self._expected: list[tuple[type[BaseException], str]] = []
 
     def expect(self, kind: type[BaseException], match: str = "") -> None:
-        """Expect at least one exception of a class, whose text contains `match` (`re.search`).
+        """Expect at least one exception of a class, with a text in which `re.search` finds `match`.
 
-        The test fails if there is none.
+        The test fails if no callback raises such an exception.
         """
         if not (isinstance(kind, type) and issubclass(kind, BaseException)):
             raise TypeError(f"expect takes an exception class such as ValueError, got {kind!r:.100}")
@@ -54,9 +54,12 @@ class RosErrors:
         self._expected.append((kind, match))
 
     async def wait(self, count: int = 1, timeout_s: float = 5.0) -> list[BaseException]:
-        """Wait until at least `count` exceptions were raised, and return all; raises `WaitTimeoutError`.
+        """Wait until callbacks have raised at least `count` exceptions, and return all of these.
 
         There is no blocking form, because the callbacks run on the test's event loop.
+
+        Raises:
+            WaitTimeoutError: fewer exceptions were raised within `timeout_s`.
         """
         import asyncio
 
@@ -71,7 +74,11 @@ class RosErrors:
         return list(self.found)
 
     def _unexpected(self, *, is_over: bool = True) -> list[BaseException]:
-        """Return unexpected exceptions since the last call, and, if the test `is_over`, errors about missing ones."""
+        """Return the unexpected exceptions since the last call of the method.
+
+        Args:
+            is_over: the test has ended: return also an error for each expected exception that no callback raised.
+        """
         new, self._checked_count = self.found[self._checked_count :], len(self.found)
         errors = [_shortened(error) for error in new if not any(_fits(error, *rule) for rule in self._expected)]
         for kind, match in self._expected if is_over else ():
@@ -86,7 +93,7 @@ def _fits(error: BaseException, kind: type[BaseException], match: str) -> bool:
 
 
 def _shortened(error: BaseException) -> BaseException:
-    """Remove the frames of this package from the beginning of the traceback, if others follow."""
+    """Return an exception without the frames of this package at the beginning of its traceback, if others follow."""
     trace: TracebackType | None = error.__traceback__
     while trace is not None and trace.tb_frame.f_code.co_filename.startswith(_PACKAGE):
         trace = trace.tb_next
@@ -106,7 +113,7 @@ _STARTS = pytest.StashKey["_LoopStarts"]()
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
-    """Fail a test if its callbacks have failed."""
+    """Fail a test if callbacks of its nodes have failed or never ran."""
     if (starts := item.stash.get(_STARTS, None)) is not None:
         starts.watch()
     outcome = yield
@@ -125,7 +132,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
 
 @pytest.fixture
 def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
-    """Exceptions that callbacks of all nodes raise in this test, which fails with them unless it expects them.
+    """Exceptions that callbacks of all nodes raise in this test; the test fails with each that it does not expect.
 
     ``ros_errors.expect(ValueError, match="too fast")`` may be called before or after the exception.
     """
@@ -142,7 +149,7 @@ def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
 def ros_loop() -> Iterator[VirtualTimeLoop]:
     """Event loop on which waiting takes no time: ``ros_loop.run(main())`` instead of ``asyncio.run(main())``.
 
-    In a test that uses it, the clocks of `ros_domain` and of the nodes of `ros_node` have the loop's time.
+    In a test that uses this fixture, the clocks of `ros_domain` and of the nodes of `ros_node` have the loop's time.
     """
     from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 
@@ -153,7 +160,10 @@ def ros_loop() -> Iterator[VirtualTimeLoop]:
 
 @pytest.fixture
 def ros_domain(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTransport:
-    """New `MemoryTransport` for every `Context` of the test, which fails if a callback fails."""
+    """New `MemoryTransport` for the contexts of a test: ``Context(transport=ros_domain)``.
+
+    The test fails if a callback fails.
+    """
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
     if "ros_loop" in request.fixturenames:
@@ -163,10 +173,10 @@ def ros_domain(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryT
 
 
 class _LoopStarts:
-    """Calls `start` as the first callback of each event loop that starts in this thread, until `close`.
+    """Hook that calls `start` as the first callback of each event loop that starts in this thread, until `close`.
 
-    Loops are detected when they start, not when they are created: pytest-asyncio and anyio create theirs before our
-    fixtures, and start them for each fixture and test.
+    Loops are detected when they start, not when they are created: pytest-asyncio and anyio create their loops before
+    our fixtures, and start them for each fixture and test.
     """
 
     def __init__(self, start: Callable[[asyncio.AbstractEventLoop], None]) -> None:
@@ -176,7 +186,7 @@ class _LoopStarts:
         self.watch()
 
     def watch(self) -> None:
-        """Watch all classes of loops that are imported now."""
+        """Detect starts of all classes of event loops that are imported now, or that anyio will import (uvloop)."""
         import asyncio
 
         kinds: list[Any] = [asyncio.BaseEventLoop]
@@ -197,7 +207,7 @@ class _LoopStarts:
         return run_forever
 
     def close(self) -> None:
-        """Stop watching."""
+        """Stop detecting starts of event loops."""
         for kind, enter in self._entries.items():
             kind.run_forever = enter
 
@@ -206,9 +216,9 @@ class _LoopStarts:
 def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Iterator[Callable[..., Node]]:
     """Function ``ros_node(name, namespace="", args=())`` that creates nodes in `ros_domain`, closed after the test.
 
-    Each node has its own context, as if it were another process; `args` is its command line. Nodes may be created
-    before the test's event loop runs, which serves all of them. The test fails if a callback fails or never runs; see
-    `ros_errors`.
+    Each node has its own context, as if it were in another process; `args` is its command line. Nodes may be created
+    before the test's event loop runs, which serves all of them. The test fails if a callback fails or never runs,
+    unless it expects that with `ros_errors`.
     """
     from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
     from rosidl_py_gen.runtime.node.context import Context

@@ -1,6 +1,6 @@
 """Named QoS profiles of ROS, to be used as they are or modified: ``SENSOR_DATA.keep_last(1)``.
 
-Those for topics and services of programs can also be imported from `rosidl_py_gen.runtime`.
+The profiles that programs use for topics and services can also be imported from `rosidl_py_gen.runtime`.
 """
 
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS as ACTION_STATUS

@@ -1,9 +1,9 @@
 """Functions that run a program: `run` for an async main function, `spin` for nodes with callbacks.
 
-Ctrl-C and SIGTERM end both without traceback: tasks are cancelled and awaited, nodes are closed, so that peers notice
-at once. A second signal ends a program that does not react: SIGINT raises KeyboardInterrupt at the current line, unless
-it follows the first one within `REPEAT_S`; SIGTERM ends the process. Async programs may also use `asyncio.run`, which
-raises KeyboardInterrupt.
+Ctrl-C and SIGTERM end both without traceback: tasks are cancelled and awaited, and nodes are closed, so that peers
+notice at once. A second signal ends a program that does not react: SIGINT raises KeyboardInterrupt at the current line,
+unless it follows the first signal within `REPEAT_S`; SIGTERM ends the process. Async programs may also use
+`asyncio.run`, which raises KeyboardInterrupt.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _EXECUTOR_WARNING_DELAY_S = 1.0
-"""Time that the shutdown waits for executor threads before it logs a warning."""
+"""Time for which `run` waits at its end for threads of `asyncio.to_thread` before it logs a warning."""
 
 
 def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> T | None:
     """Run an async function on a new event loop, which also serves the nodes that were created before.
 
-    At the end, the function waits for threads of `asyncio.to_thread`, because a thread cannot be stopped; a second
+    At the end, `run` waits for threads of `asyncio.to_thread`, because a thread cannot be stopped; a second
     signal ends the process without waiting.
 
     Returns:
@@ -55,7 +55,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         TypeError: `main` is not an async function or coroutine.
         KeyboardInterrupt: a second SIGINT arrived, 0.4 s or more after the first.
         SystemExit: the ROS arguments of the process, or a parameter file, are invalid; the code is the message.
-        Exception: raised by `main`, or by the first callback that failed of a node with ``on_error="raise"``.
+        Exception: raised by `main`, or by the first failed callback of a node with ``on_error="raise"``.
     """
     coroutine = _as_coroutine(main)
     loop = new_event_loop()
@@ -81,15 +81,15 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
 
 
 def spin(*nodes: Node) -> None:
-    """Run the callbacks of `nodes` until Ctrl-C, SIGTERM, or all of them are closed; then close them.
+    """Run the callbacks of `nodes` until Ctrl-C or SIGTERM arrives, or all nodes are closed; then close them.
 
     Nodes of several contexts may be combined, at the cost of a thread for each further context.
 
     Raises:
         WrongEventLoopError: an event loop runs already, as in Jupyter; nothing is closed then.
-        TypeError: an argument is not a node, or there is none.
-        KeyboardInterrupt: like `run`.
-        Exception: raised by a callback, like `run`.
+        TypeError: an argument is not a node, or there is no argument.
+        KeyboardInterrupt: a second SIGINT arrived, 0.4 s or more after the first.
+        Exception: raised by the first failed callback of a node with ``on_error="raise"``.
     """
     for node in nodes:
         if not isinstance(getattr(node, "context", None), Context):
@@ -157,24 +157,24 @@ async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
 class _Signals:
     """Handlers of SIGINT and SIGTERM: the first signal cancels `task`, the second one ends the program by force.
 
-    They are Python's handlers, not the loop's, which a callback that never returns would block. A signal that arrives
+    The handlers are Python's, not the loop's, which a callback that never returns would block. A signal that arrives
     just before the loop waits, or in another thread, does not interrupt the wait, and Python calls the handler only
-    after it. So each signal also writes to a socket that the loop reads.
+    after the wait. So each signal also writes to a socket that the loop reads.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self.task: asyncio.Task[Any] | None = None
         self.is_shutdown = False
-        """True when the main task has ended: SIGINT raises KeyboardInterrupt and SIGTERM ends the process."""
+        """True when the main task has ended: then SIGINT raises KeyboardInterrupt and SIGTERM ends the process."""
         self._previous: dict[int, Any] = {}
         self._sockets: tuple[socket.socket, socket.socket] | None = None
         self._previous_descriptor = -1
         self._first_s = -math.inf
         self.is_stopped = False
-        """True after the first signal."""
+        """True after the first SIGINT or SIGTERM."""
         self.interrupted_shutdown = False
-        """True after a second SIGINT."""
+        """True after a second SIGINT, which has raised KeyboardInterrupt."""
 
     def __enter__(self) -> _Signals:
         if threading.current_thread() is threading.main_thread():
@@ -219,7 +219,7 @@ class _Signals:
 
 
 def drain(receiver: socket.socket) -> None:
-    """Read the numbers of signals, if any have arrived."""
+    """Read and discard the signal numbers that Python's wakeup socket has received, if there are any."""
     with contextlib.suppress(BlockingIOError, InterruptedError):  # the previous iteration may have read all
         receiver.recv(4096)
 
@@ -234,7 +234,7 @@ def _exit_by_signal(number: int) -> NoReturn:
 
 
 def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
-    """Cancel the remaining tasks, wait for them, and report their exceptions."""
+    """Cancel the remaining tasks of a loop, wait for them and for executor threads, and report exceptions of tasks."""
     _cancel_tasks(loop)
     loop.run_until_complete(loop.shutdown_asyncgens())
     try:
@@ -254,7 +254,7 @@ def _cancel_tasks(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def _end_threads(loop: asyncio.AbstractEventLoop) -> None:
-    """Wait for executor threads, with a warning if that takes long."""
+    """Wait for threads of `asyncio.to_thread` and executors of a loop, with a warning if that takes long."""
 
     async def end() -> None:
         shutdown = asyncio.ensure_future(loop.shutdown_default_executor())

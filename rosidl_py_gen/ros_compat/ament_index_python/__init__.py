@@ -1,4 +1,4 @@
-"""Packages and their files: installed in a prefix of AMENT_PREFIX_PATH, or as sources in the workspace."""
+"""Search for packages and their files: installed in a prefix of AMENT_PREFIX_PATH, or as sources in the workspace."""
 
 from ament_index_python.constants import RESOURCE_INDEX_SUBFOLDER
 from ament_index_python.packages import (

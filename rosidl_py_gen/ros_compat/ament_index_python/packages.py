@@ -1,4 +1,4 @@
-"""Folders of packages."""
+"""Functions that return the folders of packages."""
 
 import os
 import re
@@ -16,12 +16,12 @@ class PackageNotFoundError(KeyError):
 
 
 def get_packages_with_prefixes() -> dict[str, str]:
-    """Return the prefix of each package, by name; the prefix of a package that is not installed is its folder."""
+    """Return package name -> prefix; the prefix of a package that is not installed is its source folder."""
     return get_resources("packages")
 
 
 def get_package_prefix(package_name: str) -> str:
-    """Return the prefix in which a package is installed, or the folder of one that is not installed.
+    """Return the prefix in which a package is installed; for a package that is not installed, its source folder.
 
     Raises:
         PackageNotFoundError: the package does not exist.
@@ -39,7 +39,8 @@ def get_package_prefix(package_name: str) -> str:
 def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:
     """Return ``share/<package>`` of an installed package, else the source folder of the package.
 
-    If setup.py or CMakeLists.txt install files to other paths, the result is a folder of links that has both.
+    If setup.py or CMakeLists.txt of the sources install files to other paths, the result is a folder of links that
+    contains both the sources and the installed paths.
 
     Raises:
         PackageNotFoundError: the package does not exist.
@@ -52,7 +53,7 @@ def get_package_share_directory(package_name: str, print_warning: bool = True) -
 
 
 def get_package_share_path(package_name: str, print_warning: bool = True) -> Path:
-    """Return `get_package_share_directory` as a path."""
+    """Return the folder of `get_package_share_directory` as a `Path`."""
     path = Path(_share_folder(package_name))
     if print_warning and not path.exists():
         warnings.warn(f"Share path for {package_name} ({path}) does not exist.", stacklevel=2)

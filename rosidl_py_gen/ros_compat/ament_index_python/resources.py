@@ -1,7 +1,7 @@
 """Resource index of installed packages.
 
-Packages that are not installed have two resources here: their existence and their interfaces. Their prefix is their
-folder.
+Packages that are not installed have two resources here: their existence and their interfaces. The prefix of such a
+package is its source folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _PACKAGES = "packages"
 _INTERFACES = "rosidl_interfaces"
 _RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
 _SOURCES = ""
-"""Stands for the packages that are not installed among the prefixes."""
+"""Placeholder in the list of prefixes for the packages that are not installed."""
 
 
 class InvalidResourceTypeNameError(ValueError):
@@ -29,11 +29,11 @@ class InvalidResourceNameError(ValueError):
 
 
 def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
-    """Return the content of a resource and its prefix.
+    """Return the content of a resource (a file of the index), and the prefix that contains it.
 
     Raises:
         LookupError: the resource does not exist.
-        OSError: it cannot be read.
+        OSError: the resource cannot be read.
         InvalidResourceTypeNameError, InvalidResourceNameError: a name has a path separator.
     """
     prefix = has_resource(resource_type, resource_name)
@@ -47,10 +47,10 @@ def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
 
 
 def get_resources(resource_type: str) -> dict[str, str]:
-    """Return the prefixes of resources of a type, by name.
+    """Return resource name -> prefix, for all resources of a type.
 
     Raises:
-        InvalidResourceTypeNameError: the name has a path separator.
+        InvalidResourceTypeNameError: the name of the type has a path separator.
     """
     _check_type_name(resource_type)
     found: dict[str, str] = {}
@@ -65,7 +65,7 @@ def get_resources(resource_type: str) -> dict[str, str]:
 
 
 def get_resource_types() -> set[str]:
-    """Return all types of resources."""
+    """Return the names of all types of resources."""
     types = {
         name
         for prefix in filter(None, _prefixes())
@@ -76,7 +76,7 @@ def get_resource_types() -> set[str]:
 
 
 def has_resource(resource_type: str, resource_name: str) -> str | Literal[False]:
-    """Return the prefix of a resource, or False.
+    """Return the prefix that contains a resource, or False if there is none.
 
     Raises:
         InvalidResourceTypeNameError, InvalidResourceNameError: a name has a path separator.
@@ -101,9 +101,10 @@ def _check_type_name(resource_type: str) -> None:
 
 
 def _prefixes() -> list[str]:
-    """Return the prefixes in their order; the packages that are not installed precede the prefix of ``rosidl-py run``.
+    """Return the prefixes in the order of the search, with `_SOURCES` for packages that are not installed.
 
-    A program under ``rosidl-py run`` finds files of the workspace that no rule installs.
+    `_SOURCES` precedes the prefix of ``rosidl-py run``, so that a program under ``rosidl-py run`` finds files of the
+    workspace that no install rule mentions.
     """
     paths = get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
     of_run = [path for path in paths if path == os.environ.get(_RUN_PREFIX)]
@@ -122,7 +123,7 @@ def _list_names(folder: str) -> list[str]:
 
 
 def _source_resources(resource_type: str) -> dict[str, tuple[str, str]]:
-    """Return folder and content of the resources of packages that are not installed."""
+    """Return resource name -> (source folder, content), for packages that are not installed."""
     if resource_type not in (_PACKAGES, _INTERFACES):
         return {}
     packages = found_packages().values()

@@ -1,4 +1,4 @@
-"""Prefixes in which packages are installed."""
+"""Function that returns the prefixes in which packages are installed."""
 
 import os
 
@@ -6,10 +6,10 @@ from ament_index_python.constants import AMENT_PREFIX_PATH_ENV_VAR
 
 
 def get_search_paths() -> list[str]:
-    """Return the existing folders of AMENT_PREFIX_PATH.
+    """Return the existing folders among AMENT_PREFIX_PATH.
 
     Raises:
-        EnvironmentError: the variable is not set or empty. Packages of a workspace are found nevertheless.
+        EnvironmentError: the variable is not set or empty; packages of a workspace are found nevertheless.
     """
     value = os.environ.get(AMENT_PREFIX_PATH_ENV_VAR)
     if not value:

@@ -33,16 +33,16 @@ _BITS = {"uint8": 8, "uint16": 16}
 
 
 class CvBridgeError(TypeError):
-    """Raised if a conversion is not possible."""
+    """Raised if an image cannot be converted."""
 
 
 class CvBridge:
     """Converter of images. Arrays have the order of colours of OpenCV: blue, green, red.
 
     Attributes:
-        cvtype_to_name: numbers of OpenCV -> names of types, such as 8UC3.
-        cvdepth_to_numpy_depth: numbers of OpenCV -> dtype names.
-        numpy_type_to_cvtype: dtype names -> OpenCV's names of depths, and back.
+        cvtype_to_name: type numbers of OpenCV -> names of types, such as 8UC3.
+        cvdepth_to_numpy_depth: depth numbers of OpenCV -> names of dtypes.
+        numpy_type_to_cvtype: names of dtypes -> OpenCV's names of depths, and back.
     """
 
     def __init__(self) -> None:
@@ -53,28 +53,28 @@ class CvBridge:
         self.numpy_type_to_cvtype = dict(pairs)
 
     def dtype_with_channels_to_cvtype2(self, dtype: np.dtype[Any], n_channels: int) -> str:
-        """Return OpenCV's name, such as 8UC3; raise KeyError for a dtype that OpenCV does not have."""
+        """Return OpenCV's name of a type, such as 8UC3; raise KeyError for a dtype that OpenCV does not have."""
         return f"{self.numpy_type_to_cvtype[dtype.name]}C{n_channels}"
 
     def cvtype2_to_dtype_with_channels(self, cvtype: int) -> tuple[str, int]:
-        """Return the dtype name and the number of channels."""
+        """Return the name of the dtype and the number of channels for a type number of OpenCV."""
         return self.cvdepth_to_numpy_depth[CV_MAT_DEPTHWrap(cvtype)], CV_MAT_CNWrap(cvtype)
 
     def encoding_to_cvtype2(self, encoding: str) -> int:
-        """Return OpenCV's number; raise `CvBridgeError` for an unknown encoding."""
+        """Return OpenCV's type number for an encoding; raise `CvBridgeError` for an unknown encoding."""
         try:
             return getCvType(encoding)
         except RuntimeError as error:
             raise CvBridgeError(str(error)) from None
 
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
-        """Return the dtype name and the number of channels."""
+        """Return the name of the dtype and the number of channels for an encoding; raise `CvBridgeError` if unknown."""
         return self.cvtype2_to_dtype_with_channels(self.encoding_to_cvtype2(encoding))
 
     def imgmsg_to_cv2(self, img_msg: Any, desired_encoding: str = "passthrough") -> Pixels:
         """Return the pixels of a ``sensor_msgs/msg/Image``.
 
-        With "passthrough", and without padding between rows, they share the memory of the message.
+        With "passthrough", and without padding between rows, the pixels share the memory of the message.
 
         Raises:
             CvBridgeError: the encoding is unknown, data is missing, or an image without colours cannot be converted.
@@ -93,7 +93,7 @@ class CvBridge:
         """Create a ``sensor_msgs/msg/Image``; with "passthrough" its encoding is OpenCV's name, such as 8UC3.
 
         Raises:
-            CvBridgeError: the encoding has another type.
+            CvBridgeError: the encoding has another type than the array.
             TypeError: `cvim` is not an array.
         """
         pixels = _array(cvim)

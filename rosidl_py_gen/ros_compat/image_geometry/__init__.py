@@ -1,3 +1,3 @@
-"""Pixels of calibrated cameras and their positions in space; only rectification needs OpenCV."""
+"""Conversion between pixels of calibrated cameras and positions in space; only rectification needs OpenCV."""
 
 from image_geometry.cameramodels import PinholeCameraModel, StereoCameraModel

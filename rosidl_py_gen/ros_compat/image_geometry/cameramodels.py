@@ -1,7 +1,7 @@
-"""Models of one and of two cameras, from ``sensor_msgs/msg/CameraInfo``.
+"""Models of one camera and of two cameras, from ``sensor_msgs/msg/CameraInfo``.
 
-Matrices are of `numpy.matrix`, as in the real package: ``*`` is their product. Before `fromCameraInfo` all attributes
-are None.
+Matrices are objects of `numpy.matrix`, as in the real package: ``*`` is the matrix product. Before `fromCameraInfo` all
+attributes are None.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Triple = tuple[float, float, float]
 
 
 def mkmat(rows: int, cols: int, L: Any) -> Matrix:
-    """Return numbers, row by row, as a matrix."""
+    """Return a matrix of the given shape, with the numbers of `L` row by row."""
     return np.matrix(np.reshape(np.asarray(L, np.float64), (rows, cols)))
 
 
@@ -33,7 +33,13 @@ def _opencv() -> Any:
 
 
 def _entry(row: int, column: int, text: str) -> Callable[[PinholeCameraModel], Any]:
-    """Return the method for one number of the projection."""
+    """Return a method that returns one number of the projection matrix P.
+
+    Args:
+        row: row of the number.
+        column: column of the number.
+        text: docstring of the method.
+    """
 
     def get(self: PinholeCameraModel) -> Any:
         return self.P[row, column]
@@ -43,7 +49,7 @@ def _entry(row: int, column: int, text: str) -> Callable[[PinholeCameraModel], A
 
 
 class PinholeCameraModel:
-    """Camera with a pinhole projection.
+    """Model of a camera with a pinhole projection.
 
     Attributes:
         K: camera matrix, 3 x 3, of the binned region of interest.
@@ -53,8 +59,8 @@ class PinholeCameraModel:
         full_K: camera matrix of the full resolution.
         full_P: projection of the full resolution.
         width: full resolution in pixels, like `height`.
-        binning_x: pixels that are combined to one, like `binning_y`.
-        raw_roi: region of interest, a ``sensor_msgs/msg/RegionOfInterest``; never empty.
+        binning_x: number of pixels that are combined to one pixel, like `binning_y`.
+        raw_roi: region of interest, a ``sensor_msgs/msg/RegionOfInterest``; the whole image if none is set.
         tf_frame: frame of the camera.
         stamp: time of the CameraInfo.
     """
@@ -91,7 +97,7 @@ class PinholeCameraModel:
                 matrix[row, [row, 2]] /= binning
 
     def rectifyImage(self, raw: Any, rectified: Any) -> None:
-        """Write the pixels of `raw` without distortion into `rectified`."""
+        """Write the pixels of the image `raw`, with the distortion removed, into the image `rectified`."""
         cv2 = _opencv()
         shape = self.height, self.width, 1
         self.mapx, self.mapy = np.ndarray(shape, np.float32), np.ndarray(shape, np.float32)
@@ -105,34 +111,34 @@ class PinholeCameraModel:
         return _opencv().undistortPoints(source, self.K, self.D, R=self.R, P=self.P)[0, 0]
 
     def project3dToPixel(self, point: Any) -> Pair:
-        """Return the rectified pixel (u, v) of a point (x, y, z) in the camera's frame; NaN in its plane."""
+        """Return the rectified pixel (u, v) of a point (x, y, z) in the camera's frame; NaN for depth 0."""
         x, y, w = (self.P * mkmat(4, 1, [point[0], point[1], point[2], 1.0])).flat
         return (x / w, y / w) if w != 0 else (math.nan, math.nan)
 
     def projectPixelTo3dRay(self, uv: Any) -> Triple:
-        """Return the direction (x, y, z), of length 1, of a rectified pixel."""
+        """Return the direction (x, y, z), of length 1, from the camera to a rectified pixel (u, v)."""
         x, y = (uv[0] - self.cx()) / self.fx(), (uv[1] - self.cy()) / self.fy()
         norm = math.sqrt(x * x + y * y + 1)
         return x / norm, y / norm, 1.0 / norm
 
     def getDeltaU(self, deltaX: float, Z: float) -> float:
-        """Return the horizontal distance in pixels for `deltaX` at depth `Z`."""
+        """Return the horizontal distance in pixels of two points that are `deltaX` apart at depth `Z`."""
         return math.inf if Z == 0 else self.fx() * deltaX / Z
 
     def getDeltaV(self, deltaY: float, Z: float) -> float:
-        """Return the vertical distance in pixels for `deltaY` at depth `Z`."""
+        """Return the vertical distance in pixels of two points that are `deltaY` apart at depth `Z`."""
         return math.inf if Z == 0 else self.fy() * deltaY / Z
 
     def getDeltaX(self, deltaU: float, Z: float) -> Any:
-        """Return the horizontal distance at depth `Z` for `deltaU` pixels."""
+        """Return the horizontal distance in space, at depth `Z`, of two pixels that are `deltaU` apart."""
         return Z * deltaU / self.fx()
 
     def getDeltaY(self, deltaV: float, Z: float) -> Any:
-        """Return the vertical distance at depth `Z` for `deltaV` pixels."""
+        """Return the vertical distance in space, at depth `Z`, of two pixels that are `deltaV` apart."""
         return Z * deltaV / self.fy()
 
     def fullResolution(self) -> tuple[int, int]:
-        """Return width and height in pixels; raise AttributeError before `fromCameraInfo`."""
+        """Return width and height of the full image in pixels; raise AttributeError before `fromCameraInfo`."""
         return self.resolution
 
     def intrinsicMatrix(self) -> Any:
@@ -173,10 +179,10 @@ class PinholeCameraModel:
 
 
 class StereoCameraModel:
-    """Two parallel cameras, `left` and `right`.
+    """Model of two parallel cameras, `left` and `right`.
 
     Attributes:
-        Q: 4 x 4 matrix from pixel and disparity to point, set by `fromCameraInfo`.
+        Q: 4 x 4 matrix that converts pixel and disparity to a point, set by `fromCameraInfo`.
     """
 
     def __init__(self) -> None:
@@ -184,7 +190,7 @@ class StereoCameraModel:
         self.right = PinholeCameraModel()
 
     def fromCameraInfo(self, left_msg: Any, right_msg: Any) -> None:
-        """Read the parameters of two ``sensor_msgs/msg/CameraInfo``."""
+        """Read the parameters of the ``sensor_msgs/msg/CameraInfo`` of both cameras."""
         self.left.fromCameraInfo(left_msg)
         self.right.fromCameraInfo(right_msg)
         fx, cx, cy = self.right.fx(), self.right.cx(), self.right.cy()
@@ -202,14 +208,14 @@ class StereoCameraModel:
         return self.left.project3dToPixel(point), self.right.project3dToPixel(point)
 
     def projectPixelTo3d(self, left_uv: Any, disparity: float) -> Triple:
-        """Return the point of a rectified pixel of the left image; (0, 0, 0) for disparity 0."""
+        """Return the point for a rectified pixel of the left image and its disparity; (0, 0, 0) for disparity 0."""
         x, y, z, w = (self.Q * mkmat(4, 1, [left_uv[0], left_uv[1], disparity, 1.0])).flat
         return (x / w, y / w, z / w) if w != 0 else (0.0, 0.0, 0.0)
 
     def getZ(self, disparity: float) -> float:
-        """Return the depth of a disparity in pixels."""
+        """Return the depth of a point whose disparity in pixels is given."""
         return math.inf if disparity == 0 else -self.right.Tx() / disparity
 
     def getDisparity(self, Z: float) -> float:
-        """Return the disparity in pixels at a depth."""
+        """Return the disparity in pixels of a point at a depth."""
         return math.inf if Z == 0 else -self.right.Tx() / Z

@@ -1,6 +1,6 @@
 """Synchronization of messages of several topics by their stamps, and a cache, with `rosidl_py_gen.message_filters`.
 
-The callback of a subscription passes its message on, so all callbacks run in the thread that spins.
+The callback of a subscription passes each message on, so all callbacks run in the thread that spins.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _HEADERLESS_WARNING = (
 
 
 class SimpleFilter:
-    """Filter with callbacks.
+    """Base of filters: calls registered callbacks with each output of the filter.
 
     Attributes:
         callbacks: callbacks with their additional arguments, by the number that `registerCallback` returned.
@@ -33,22 +33,24 @@ class SimpleFilter:
         self.callbacks: dict[int, tuple[Callable[..., object], tuple[Any, ...]]] = {}
 
     def registerCallback(self, cb: Callable[..., object], *args: Any) -> int:
-        """Call `cb` with each output followed by `args`; return the number of the registration."""
+        """Call `cb` with each output of the filter, followed by `args`; return the number of the registration."""
         number = len(self.callbacks)
         self.callbacks[number] = cb, args
         return number
 
     def signalMessage(self, *msg: Any) -> None:
-        """Call all callbacks."""
+        """Call all registered callbacks with an output of the filter."""
         for function, arguments in list(self.callbacks.values()):
             function(*msg, *arguments)
 
 
 class Subscriber(SimpleFilter):
-    """Filter of a subscription. Takes the node, then the arguments of `Node.create_subscription`.
+    """Filter whose outputs are the messages of a subscription.
+
+    The arguments are the node, then the arguments of `Node.create_subscription` without callback.
 
     Attributes:
-        sub: the subscription, whose attributes this object has as well.
+        sub: the subscription; this object has all of its attributes, too.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -61,7 +63,7 @@ class Subscriber(SimpleFilter):
         self.signalMessage(msg)
 
     def getTopic(self) -> Any:
-        """Return the topic as it was passed."""
+        """Return the name of the topic as the program passed it."""
         return self.topic
 
     def __getattr__(self, key: str) -> Any:
@@ -71,10 +73,12 @@ class Subscriber(SimpleFilter):
 
 
 class Cache(SimpleFilter):
-    """Filter that stores the last messages, in the order of their arrival.
+    """Filter that stores the last messages of another filter, in the order of their arrival.
 
     Args:
-        allow_headerless: use the time of arrival for messages without a stamp, which otherwise are ignored.
+        f: other filter.
+        cache_size: maximum number of messages.
+        allow_headerless: use the time of arrival for messages without a stamp, which are ignored otherwise.
     """
 
     def __init__(self, f: SimpleFilter, cache_size: int = 1, allow_headerless: bool = False) -> None:
@@ -88,7 +92,7 @@ class Cache(SimpleFilter):
         self.incoming_connection = f.registerCallback(self.add)
 
     def add(self, msg: Any) -> None:
-        """Store a message and pass it on."""
+        """Store a message, and pass it on to the callbacks."""
         stamp = _find_stamp(msg, self.allow_headerless, "message_filters_cache", "")
         if stamp is None:
             return
@@ -99,28 +103,28 @@ class Cache(SimpleFilter):
         self.signalMessage(msg)
 
     def getInterval(self, from_stamp: Time, to_stamp: Time) -> list[Any]:
-        """Return the messages from `from_stamp` to `to_stamp`."""
+        """Return the stored messages with stamps from `from_stamp` to `to_stamp`."""
         assert from_stamp <= to_stamp
         return [msg for msg, time in self._rosidl_messages_and_times() if from_stamp <= time <= to_stamp]
 
     def getElemAfterTime(self, stamp: Time) -> Any:
-        """Return the first message with this stamp or a later one; None if there is none."""
+        """Return the first stored message with this stamp or a later one; None if there is none."""
         return next((msg for msg, time in self._rosidl_messages_and_times() if time >= stamp), None)
 
     def getElemBeforeTime(self, stamp: Time) -> Any:
-        """Return the last message with this stamp or an earlier one; None if there is none."""
+        """Return the last stored message with this stamp or an earlier one; None if there is none."""
         return next((msg for msg, time in reversed(self._rosidl_messages_and_times()) if time <= stamp), None)
 
     def getLastestTime(self) -> Time | None:
-        """Return the stamp of the last message; message_filters spells the name in this way."""
+        """Return the stamp of the last stored message, None without messages; message_filters has this spelling."""
         return self.cache_times[-1] if self.cache_times else None
 
     def getOldestTime(self) -> Time | None:
-        """Return the stamp of the first message."""
+        """Return the stamp of the first stored message; None without messages."""
         return self.cache_times[0] if self.cache_times else None
 
     def getLast(self) -> Any:
-        """Return the first message with the last stamp or a later one; None if there is none."""
+        """Return the first stored message that is not older than the last one; None without messages."""
         latest = self.getLastestTime()
         return None if latest is None else self.getElemAfterTime(latest)
 
@@ -129,10 +133,13 @@ class Cache(SimpleFilter):
 
 
 class TimeSynchronizer(SimpleFilter):
-    """Sets of messages with equal stamps, one of each filter; callbacks take them in the order of the filters.
+    """Filter whose outputs are sets of messages with equal stamps, one message of each input filter.
+
+    Callbacks get the messages in the order of the input filters.
 
     Args:
-        queue_size: maximum number of messages of each filter that wait for others.
+        fs: input filters.
+        queue_size: maximum number of messages of each input filter that wait for messages of the others.
     """
 
     def __init__(self, fs: Sequence[SimpleFilter], queue_size: int) -> None:
@@ -153,17 +160,18 @@ class TimeSynchronizer(SimpleFilter):
         self.signalMessage(*messages)
 
     def add(self, msg: Any, my_queue_index: int) -> None:
-        """Add a message of one of the filters."""
+        """Add a message of the input filter with an index."""
         self._rosidl_synchronizer.add(my_queue_index, msg)
 
 
 class ApproximateTimeSynchronizer(TimeSynchronizer):
-    """Sets of messages whose stamps are less than `slop` seconds apart.
+    """Filter whose outputs are sets of messages, one of each input filter, with stamps less than `slop` seconds apart.
 
     Args:
-        queue_size: maximum number of messages of each filter that wait for others.
+        fs: input filters.
+        queue_size: maximum number of messages of each input filter that wait for messages of the others.
         slop: maximum difference in seconds.
-        allow_headerless: use the time of arrival for messages without a stamp, which otherwise are ignored.
+        allow_headerless: use the time of arrival for messages without a stamp, which are ignored otherwise.
     """
 
     def __init__(
@@ -189,7 +197,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
 
 
 class _Stamped:
-    """Message with the stamp to use for it."""
+    """Message with the stamp by which it is synchronized."""
 
     def __init__(self, message: Any, stamp: Time) -> None:
         self.message = message
@@ -198,7 +206,10 @@ class _Stamped:
 
 
 def _find_stamp(message: Any, allow_headerless: bool, logger: str, preposition: str) -> Time | None:
-    """Return the stamp of a message; None, with a warning, if it has none and that is not allowed."""
+    """Return the stamp of a message, or the current time for a message without stamp, if that is allowed.
+
+    Otherwise log a warning and return None.
+    """
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is not None:
         return stamp if hasattr(stamp, "nanoseconds") else Time.from_msg(stamp)

@@ -1,4 +1,4 @@
-"""rclpy of ROS 2 Jazzy on the nodes of rosidl_py_gen: `init` a context, create a `Node`, `spin`, `shutdown`."""
+"""API of rclpy (ROS 2 Jazzy) on the nodes of rosidl_py_gen: `init` a context, create a `Node`, `spin`, `shutdown`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ _executor_lock = threading.RLock()
 class InitContextManager:
     """Result of `init` since Kilted; used as a context manager, it shuts the context down at the end of the block.
 
-    As `context=` of a node it means the opened context, because programs for Jazzy pass the None of its `init`.
+    As `context=` of a node, the object stands for the context that `init` opened, because programs for Jazzy pass the
+    None that `init` returns there.
     """
 
     def __init__(self, context: Context, explicit_context: Context | None, has_handlers: bool) -> None:
@@ -49,10 +50,11 @@ def init(
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
 ) -> InitContextManager:
-    """Open a context; ``with rclpy.init():`` also shuts it down.
+    """Open a context; a block ``with rclpy.init():`` also shuts the context down.
 
     Args:
         args: command line with ``--ros-args``. [default: `sys.argv`]
+        context: context to open. [default: the default context]
         domain_id: domain. [default: ``ROS_DOMAIN_ID``, else 0]
         signal_handler_options: signals that shut contexts down. [default: both for the default context, else none]
 
@@ -70,7 +72,10 @@ def init(
 
 
 def get_global_executor() -> Executor:
-    """Return the executor of `spin`, which keeps its unfinished coroutines until the default context is shut down."""
+    """Return the executor that `spin` uses by default.
+
+    The executor keeps unfinished coroutines until the default context is shut down.
+    """
     global _executor
     with _executor_lock:
         context = get_default_context()
@@ -91,9 +96,10 @@ def _reset_executor() -> None:
 
 
 def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
-    """Shut a context down, by default the default one, which a new context replaces.
+    """Shut a context down.
 
     Args:
+        context: context to shut down. [default: the default context, which a new context replaces]
         uninstall_handlers: restore the signal handlers from before `init`. [default: for the default context only]
 
     Raises:
@@ -107,9 +113,10 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
 
 
 def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
-    """Shut a context down if it is open, by default the default one, which a new context replaces.
+    """Shut a context down if it is open.
 
     Args:
+        context: context to shut down. [default: the default context, which a new context replaces]
         uninstall_handlers: restore the signal handlers from before `init`; None does so for the default context, if it
             was open.
     """
@@ -136,7 +143,7 @@ def create_node(
     automatically_declare_parameters_from_overrides: bool = False,
     enable_logger_service: bool = False,
 ) -> Node:
-    """Create a `rclpy.node.Node` with these arguments."""
+    """Create a `rclpy.node.Node`, whose constructor takes the same arguments."""
     arguments = locals().copy()
     from rclpy.node import Node
 
@@ -144,10 +151,11 @@ def create_node(
 
 
 def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:
-    """Run one callback of a node, or wait for it.
+    """Run one ready callback of a node; wait for one if none is ready.
 
     Args:
-        executor: executor to use. [default: the global one]
+        node: node whose callbacks run.
+        executor: executor to use. [default: the global executor]
         timeout_sec: maximum time to wait; None or negative: unlimited; 0: do not wait.
     """
     executor = get_global_executor() if executor is None else executor
@@ -161,10 +169,14 @@ def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: floa
 
 
 def spin(node: Node, executor: Executor | None = None) -> None:
-    """Run the callbacks of a node until the context is shut down, by default in the global executor.
+    """Run the callbacks of a node until the context is shut down.
+
+    Args:
+        node: node whose callbacks run.
+        executor: executor to use. [default: the global executor]
 
     Raises:
-        ExternalShutdownException: something else shut the context down, for example a signal.
+        ExternalShutdownException: something else than the program shut the context down, for example a signal.
     """
     executor = get_global_executor() if executor is None else executor
     try:

@@ -1,4 +1,4 @@
-"""Names of rclpy's C extension that programs use: exceptions, enums and logging. Nothing here is C."""
+"""Names of rclpy's C extension that programs use (exceptions, enums, logging), all of them written in Python."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RCLError(RuntimeError):
 
 
 class TimerCancelledError(RCLError):
-    """Raised by rclpy 10 for the call of a cancelled timer; not raised here."""
+    """Raised by rclpy 10 for the call of a cancelled timer; never raised by this package."""
 
 
 class RCLInvalidROSArgsError(RCLError):
@@ -37,15 +37,15 @@ class NodeNameNonExistentError(RCLError):
 
 
 class UnsupportedEventTypeError(RCLError):
-    """Raised when the middleware does not have an event."""
+    """Raised when the middleware does not report a kind of event."""
 
 
 class NotImplementedError(builtins.NotImplementedError):
-    """Raised when the middleware does not have a feature."""
+    """Raised when the middleware does not have a feature; a subclass of Python's exception of this name."""
 
 
 class RCUtilsError(RuntimeError):
-    """Raised for an unknown severity or level."""
+    """Raised for an unknown severity or logger level."""
 
 
 class RMWError(RuntimeError):
@@ -53,7 +53,7 @@ class RMWError(RuntimeError):
 
 
 class ScopedEnumOfC(Enum):
-    """Enumeration of C++: its members convert to integers but do not equal them."""
+    """Base of enumerations of C++: members convert to integers, but do not equal them."""
 
     value: int
 
@@ -68,7 +68,7 @@ class ScopedEnumOfC(Enum):
 
 
 class EnumOfC(ScopedEnumOfC):
-    """Enumeration of C: its members equal their numbers, and thus members of an `IntEnum`."""
+    """Base of enumerations of C: members equal their numbers, and thus members of an `IntEnum`."""
 
     def __eq__(self, other: object) -> bool:
         return self is other if isinstance(other, Enum) and not isinstance(other, int) else self.value == other
@@ -78,7 +78,7 @@ class EnumOfC(ScopedEnumOfC):
 
 
 class ClockType(EnumOfC):
-    """Kind of clock of a time; programs pass `rclpy.clock_type.ClockType`."""
+    """Type of a clock in the C extension; programs pass `rclpy.clock_type.ClockType`."""
 
     UNINITIALIZED = 0
     ROS_TIME = 1
@@ -87,7 +87,7 @@ class ClockType(EnumOfC):
 
 
 class ClockChange(EnumOfC):
-    """Change of a clock's source in callbacks; `rclpy.clock.ClockChange` has the same numbers."""
+    """Change of the source of a clock's time, passed to callbacks; `rclpy.clock.ClockChange` has the same numbers."""
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2
@@ -96,7 +96,7 @@ class ClockChange(EnumOfC):
 
 
 class rmw_qos_policy_kind_t(EnumOfC):  # as in C
-    """Policy that makes two endpoints incompatible; `rclpy.qos.QoSPolicyKind` has the same numbers."""
+    """QoS policy that makes two endpoints incompatible; `rclpy.qos.QoSPolicyKind` has the same numbers."""
 
     RMW_QOS_POLICY_INVALID = 1
     RMW_QOS_POLICY_DURABILITY = 2
@@ -126,14 +126,14 @@ class TransitionCallbackReturnType(ScopedEnumOfC):
     ERROR = 99
 
     def to_label(self) -> str:
-        """Return the label of the transition that follows."""
+        """Return the label of the lifecycle transition that follows a callback with this result."""
         return f"transition_{self.name.lower()}"
 
 
 def rclpy_logging_rcutils_log(
     severity: int, name: str, message: str, function_name: str, file_path: str, line_number: int, /
 ) -> None:
-    """Log a message with the given call site, without the filters of `RcutilsLogger`."""
+    """Log a message with the given call site, without the options of `RcutilsLogger` such as `once`."""
     if not isinstance(message, str):
         raise TypeError(f"rclpy_logging_rcutils_log: expected a str as message, got {message!r:.100}")
     logger = runtime.get_logger(name)
@@ -143,7 +143,7 @@ def rclpy_logging_rcutils_log(
 
 
 def rclpy_logging_set_logger_level(name: str, level: int, detailed_error: bool = False) -> None:
-    """Set the level of a logger; level 0 of the root logger enables every record."""
+    """Set the level of a logger; level 0 of the root logger enables all records."""
     if name or level:
         runtime.set_logger_level(name, int(level))
     else:
@@ -155,7 +155,7 @@ def rclpy_logging_get_logger_effective_level(name: str, /) -> int:
 
 
 def rclpy_logging_get_logger_level(name: str, /) -> int:
-    """Return the level that was set, 0 if none was."""
+    """Return the level that was set for a logger, 0 if none was set."""
     return _severity(runtime.get_logger_level(name))
 
 
@@ -168,7 +168,7 @@ def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
 
 
 def rclpy_logging_severity_level_from_string(severity: str, /) -> int:
-    """Return the number of a severity's name, in any case."""
+    """Return the number of a severity by its name, in upper or lower case; raise RuntimeError for an unknown name."""
     names = ("UNSET", "DEBUG", "INFO", "WARN", "ERROR", "FATAL")
     if severity.upper() not in names:
         raise RuntimeError(f"unknown severity {severity!r:.100}; expected one of {', '.join(names)}")

@@ -9,7 +9,7 @@ from typing import Any
 
 
 class CallbackGroup:
-    """Entities with a rule that decides which of their callbacks may run concurrently; programs may subclass it."""
+    """Group of entities with a rule that decides which callbacks may run concurrently; programs may subclass it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -27,7 +27,7 @@ class CallbackGroup:
         raise NotImplementedError
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Record that the callback of an entity starts. Returns False if it must not run."""
+        """Record that the callback of an entity starts; return False if the callback must not run."""
         raise NotImplementedError
 
     def ending_execution(self, entity: Any) -> None:
@@ -36,7 +36,7 @@ class CallbackGroup:
 
 
 class ReentrantCallbackGroup(CallbackGroup):
-    """Group whose callbacks may all run concurrently, each of them several times."""
+    """Group whose callbacks may all run concurrently, each of them also concurrently with itself."""
 
     def can_execute(self, entity: Any) -> bool:
         return True
@@ -49,7 +49,7 @@ class ReentrantCallbackGroup(CallbackGroup):
 
 
 class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    """Group that runs one callback at a time; an async one occupies the group while it awaits."""
+    """Group that runs one callback at a time; an async callback occupies the group while it awaits."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -36,7 +36,7 @@ class BaseClient(Subscriptable, ServiceEntity[runtime.Client[Any, Any]]):
 
     Attributes:
         srv_type: class of the service.
-        srv_name: name as it was passed.
+        srv_name: name of the service as the program passed it.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class BaseClient(Subscriptable, ServiceEntity[runtime.Client[Any, Any]]):
         """Return True if a server is connected.
 
         Raises:
-            rosidl_py_gen.runtime.IncompatibleServiceError: there are only servers that this middleware cannot call.
+            rosidl_py_gen.runtime.IncompatibleServiceError: all servers are servers that this middleware cannot call.
             RCLError: the context was shut down.
         """
         with self.handle.in_use() as client:
@@ -87,7 +87,7 @@ class Client(BaseClient):
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response, while an executor in another thread receives it.
 
-        In a callback this needs a MultiThreadedExecutor and a callback group of its own.
+        A call from a callback needs a MultiThreadedExecutor, and a callback group of its own for the client.
 
         Returns:
             The response, or None if the time has passed.
@@ -103,7 +103,7 @@ class Client(BaseClient):
         return future.result()
 
     def _rosidl_wait_for(self, event: threading.Event, timeout_sec: float | None) -> bool:
-        """Wait for the event; log a warning if a callback of the only thread that could set it waits too long."""
+        """Wait for an event; log a warning if a callback waits too long in the only thread that can set the event."""
         if timeout_sec is not None and timeout_sec <= _WARNING_AFTER_S:
             return event.wait(timeout_sec)
         if event.wait(_WARNING_AFTER_S):
@@ -132,16 +132,16 @@ class Client(BaseClient):
                 return Future()
 
     def get_pending_request(self, sequence_number: int) -> Future[Any]:
-        """Return the future of an unanswered request; raise KeyError for other numbers."""
+        """Return the future of an unanswered request by its sequence number; raise KeyError for other numbers."""
         with self._lock:
             return self._pending_requests[sequence_number]
 
     def remove_pending_request(self, future: Future[Any]) -> None:
-        """Discard a request, so that its response is ignored."""
+        """Discard the request of a future, so that its response is ignored."""
         self._rosidl_requests.discard(future)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Wait until a server is connected, or the time has passed; no executor is needed.
+        """Wait until a server is connected; return False if the time has passed. No executor is needed.
 
         Raises:
             RCLError: the context is shut down, before or while waiting.

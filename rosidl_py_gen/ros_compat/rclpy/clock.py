@@ -28,12 +28,12 @@ JumpHandlePreCallbackType = Callable[[], Any]
 
 @dataclass(kw_only=True, eq=False)
 class JumpThreshold:
-    """Jumps of time for which a callback is called.
+    """Jumps of a clock's time for which a callback is called.
 
     Attributes:
-        min_forward: smallest jump forward, positive; None for none.
-        min_backward: smallest jump back, negative; None for none.
-        on_clock_change: call for the start and the end of simulated time.
+        min_forward: smallest jump forward, positive; None: no jumps forward.
+        min_backward: smallest jump back, negative; None: no jumps back.
+        on_clock_change: call also when simulated time starts and stops.
 
     Raises:
         ValueError: a sign is wrong, or no jump is selected.
@@ -54,10 +54,10 @@ class JumpThreshold:
 
 @dataclass(frozen=True, eq=False)
 class TimeJump:
-    """Jump of a clock.
+    """Jump of a clock's time.
 
     Attributes:
-        clock_change: change of the source.
+        clock_change: change of the source of time.
         delta: length of the jump; 0 if the source changed.
     """
 
@@ -70,16 +70,17 @@ class TimeJump:
 
 
 class TimeJumpDictionary(TypedDict):
-    """Argument of the callback of a `JumpHandle` that a program creates; `delta` in nanoseconds."""
+    """Argument of the callback of a `JumpHandle` that a program creates itself; `delta` is in nanoseconds."""
 
     clock_change: ClockChange | ClockChangeOfC
     delta: int
 
 
 class JumpHandle:
-    """Callbacks for jumps, until `unregister` or the end of a ``with`` block; see `Clock.create_jump_callback`.
+    """Registration of callbacks for jumps, until `unregister` or the end of a ``with`` block.
 
-    An exception of a callback is raised where the time was changed, and later callbacks are not called.
+    `Clock.create_jump_callback` returns it. An exception of a callback is raised where the time was changed, and later
+    callbacks are not called.
     """
 
     def __init__(
@@ -130,12 +131,12 @@ def _to_runtime(duration: Duration | None) -> runtime.Duration | None:
 
 
 def _reraise(_activity: str) -> None:
-    """Re-raise the exception of a jump callback where the time was changed, as rclpy does."""
+    """Raise the exception of a jump callback again where the time was changed, as rclpy does."""
     raise
 
 
 class ClockHandle(Destroyable):
-    """Clock of rosidl_py_gen that a `Clock` reads."""
+    """Handle with the clock of rosidl_py_gen that a `Clock` reads."""
 
     def __init__(self, clock_type: AnyClockType) -> None:
         super().__init__()
@@ -167,7 +168,7 @@ class ClockHandle(Destroyable):
 
 
 class BaseClock:
-    """Clock of one type; base class of `Clock` and `rclpy.experimental.AsyncClock`."""
+    """Clock of one clock type; base class of `Clock` and `rclpy.experimental.AsyncClock`."""
 
     _clock_type: AnyClockType
     _rosidl_clock: ClockHandle
@@ -205,7 +206,7 @@ class BaseClock:
     ) -> JumpHandle:
         """Call `pre_callback()` before and `post_callback(jump)` after each jump that the threshold selects.
 
-        Both run in the thread that changes the time.
+        Both callbacks run in the thread that changes the time, until the returned handle is unregistered.
 
         Raises:
             ValueError: neither callback is given.
@@ -220,7 +221,7 @@ class BaseClock:
 
     @property
     def ros_time_is_active(self) -> bool:
-        """True while the clock reads simulated time; raises AttributeError if its type is not ROS_TIME."""
+        """True while the clock reads simulated time; raises AttributeError if the clock type is not ROS_TIME."""
         if self._clock_type != ClockType.ROS_TIME:
             raise AttributeError(f"clock: got the type {self._clock_type.name}; simulated time needs ROS_TIME")
         with self.handle as handle:
@@ -235,7 +236,7 @@ class BaseClock:
             handle.set_ros_time_override_is_enabled(enabled)
 
     def set_ros_time_override(self, time: Time) -> None:
-        """Set the simulated time, which has effect while it is active.
+        """Set the simulated time, which the clock returns only while simulated time is active.
 
         Raises:
             TypeError: `time` is not a Time.
@@ -249,7 +250,7 @@ class BaseClock:
 
 
 class Clock(BaseClock):
-    """Clock of one type that threads can sleep by; for ROS_TIME an object of `ROSClock` is created."""
+    """Clock of one clock type that threads can sleep by; for ROS_TIME an object of `ROSClock` is created."""
 
     def __new__(cls, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> Clock:
         clock = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
@@ -260,9 +261,9 @@ class Clock(BaseClock):
         return f"Clock(clock_type={self.clock_type.name})"
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
-        """Block this thread until the clock reaches `until`.
+        """Block the calling thread until the clock reaches the time `until`, and return True.
 
-        A ROSClock with simulated time needs an executor in another thread.
+        With simulated time, an executor must run in another thread.
 
         Returns:
             False if the context was shut down, or simulated time started or stopped, while sleeping.
@@ -299,12 +300,21 @@ class Clock(BaseClock):
         return context.ok() and not has_source_changed and self.now() >= until
 
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
-        """Block this thread for a duration, as `sleep_until` does."""
+        """Block the calling thread for a duration of this clock, and return True.
+
+        With simulated time, an executor must run in another thread.
+
+        Returns:
+            False if the context was shut down, or simulated time started or stopped, while sleeping.
+
+        Raises:
+            NotInitializedException: the context is not open.
+        """
         return self.sleep_until(self.now() + rel_time, context)
 
 
 def _do_nothing(clock: Clock, *args: object, **kwargs: object) -> None:
-    """Initialize nothing: `Clock.__new__` has opened the clock, and may have other parameters in a subclass."""
+    """Initialize nothing: `Clock.__new__` has opened the clock; a subclass may pass other arguments."""
 
 
 Clock.__init__ = _do_nothing  # type: ignore[method-assign, assignment]

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class ClockType(IntEnum):
-    """Origin of a time, with the numbers of rcl."""
+    """Type of a clock, with the numbers of rcl."""
 
     UNINITIALIZED = 0
     ROS_TIME = 1

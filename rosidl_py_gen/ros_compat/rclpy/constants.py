@@ -1,3 +1,3 @@
-"""Nanoseconds per second."""
+"""Constants for conversions between seconds and nanoseconds."""
 
 S_TO_NS = 1_000_000_000

@@ -1,4 +1,4 @@
-"""Contexts: from `rclpy.init` to `rclpy.shutdown`."""
+"""Contexts, which are open from `rclpy.init` to `rclpy.shutdown`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Context:
 
     @property
     def handle(self) -> ContextHandle | None:
-        """Handle of the context; None before `init`."""
+        """Handle of the runtime's context; None before `init`."""
         return self._rosidl_context
 
     def destroy(self) -> None:
@@ -77,7 +77,7 @@ class Context:
             _open_contexts.add(self._rosidl_context)
 
     def ok(self) -> bool:
-        """Return True if the context is open."""
+        """Return True if the context is open: after `init` and before `shutdown`."""
         return self._rosidl_context is not None and self._rosidl_context.ok()
 
     def _rosidl_shut_down(self, handle: ContextHandle) -> None:
@@ -107,7 +107,7 @@ class Context:
             self._rosidl_context.close()  # a signal has only marked it as shut down
 
     def on_shutdown(self, callback: Callable[[], Any]) -> None:
-        """Call a function at `shutdown`, or now if that has happened. Methods are stored as weak references."""
+        """Call a function at `shutdown`, or now if the context is shut down. Methods are stored as weak references."""
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:
@@ -139,7 +139,7 @@ class Context:
 
 
 def invalid_arguments_error(error: runtime.RosArgumentError) -> RuntimeError:
-    """Return rclpy's exception for a command line that ROS cannot parse."""
+    """Return the exception that rclpy raises for a command line that ROS cannot parse."""
     match = re.match(r"unknown ROS arguments: (.*?);", str(error))
     if match is None:
         return RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}")
@@ -147,7 +147,7 @@ def invalid_arguments_error(error: runtime.RosArgumentError) -> RuntimeError:
 
 
 def mark_all_shut_down() -> None:
-    """Mark every context as shut down and end all waits; called by signal handlers."""
+    """Mark every context as shut down, and end all waits; signal handlers call the function."""
     for handle in list(_open_contexts):
         handle.mark_shut_down()
 

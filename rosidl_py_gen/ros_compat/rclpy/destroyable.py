@@ -1,4 +1,4 @@
-"""Protocol of objects that are destroyed when no longer in use; `rclpy.handles` implements it."""
+"""Protocol of objects that are destroyed when they are no longer in use; `rclpy.handles` implements the protocol."""
 
 from types import TracebackType
 from typing import Optional, Protocol, Type
@@ -12,4 +12,4 @@ class DestroyableType(Protocol):
         self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exctb: TracebackType | None
     ) -> None: ...
     def destroy_when_not_in_use(self) -> None:
-        """Refuse new uses, and destroy the object after the last current one."""
+        """Refuse new uses of the object, and destroy it when the last current use ends."""

@@ -12,7 +12,7 @@ from rclpy.constants import S_TO_NS
 
 
 class DurationType(Protocol):
-    """Result of `Duration.get_c_duration`."""
+    """Class of the result of `Duration.get_c_duration`."""
 
     @property
     def nanoseconds(self) -> int: ...
@@ -20,12 +20,12 @@ class DurationType(Protocol):
 
 @total_ordering
 class _Ordered:
-    """Values that are compared by their nanoseconds and have no hash, as in rclpy."""
+    """Base of values that are compared by their nanoseconds and have no hash, as in rclpy."""
 
     _rosidl_nanoseconds: int
 
     def _rosidl_comparable_ns(self, other: object) -> int | None:
-        """Return the nanoseconds of a comparable value, None for others; may raise TypeError."""
+        """Return the nanoseconds of a value to compare with, None for values of other classes; may raise TypeError."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
@@ -41,7 +41,7 @@ class Duration(_Ordered):
     """Signed duration in nanoseconds, of 64 bits; fractions of a nanosecond are cut off.
 
     Raises:
-        OverflowError: the value does not fit, or is infinite.
+        OverflowError: the duration does not fit, or is infinite.
         ValueError: `seconds` is NaN or text.
     """
 
@@ -98,7 +98,7 @@ class Duration(_Ordered):
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec)
 
     def get_c_duration(self) -> DurationType:
-        """Return the duration itself, which takes the place of the C structure."""
+        """Return the duration itself, which replaces the C structure of rclpy."""
         return self
 
 

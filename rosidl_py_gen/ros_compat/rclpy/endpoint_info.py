@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 
 
 class EndpointTypeEnum(IntEnum):
-    """Kind of an endpoint."""
+    """Kind of an endpoint: publisher, subscription, client or server."""
 
     INVALID = 0
     PUBLISHER = 1
@@ -51,7 +51,7 @@ def _require_profiles(profiles: list[Any]) -> list[QoSProfile]:
 
 
 def _hash_of(text: str) -> TypeHash:
-    """Return the hash of a RIHS01 text; the invalid hash for an empty one."""
+    """Return the `TypeHash` for a RIHS01 text; the invalid hash for an empty text."""
     return TypeHash(1, bytes.fromhex(text[7:])) if text.startswith("RIHS01_") else TypeHash()
 
 
@@ -90,10 +90,10 @@ class TopicEndpointInfo:
     """Publisher or subscription of a topic; the fields are keywords of the constructor and can be set.
 
     Attributes:
-        node_name: name of its node.
-        node_namespace: namespace of its node.
-        topic_type: type, ``pkg/msg/Name``.
-        topic_type_hash: announced hash; a dict has the arguments of `TypeHash`.
+        node_name: name of the endpoint's node.
+        node_namespace: namespace of the endpoint's node.
+        topic_type: message type, ``pkg/msg/Name``.
+        topic_type_hash: announced type hash; a dict has the arguments of `TypeHash`.
         endpoint_type: publisher or subscription.
         endpoint_gid: bytes that identify the endpoint.
         qos_profile: QoS profile; a dict has the arguments of `QoSProfile`.
@@ -158,10 +158,10 @@ class ServiceEndpointInfo:
     On DDS, a client or server has two endpoints: first a reader, then a writer.
 
     Attributes:
-        node_name: name of its node.
-        node_namespace: namespace of its node.
-        service_type: type, ``pkg/srv/Name``.
-        service_type_hash: announced hash; a dict has the arguments of `TypeHash`.
+        node_name: name of the node of the client or server.
+        node_namespace: namespace of the node.
+        service_type: service type, ``pkg/srv/Name``.
+        service_type_hash: announced type hash; a dict has the arguments of `TypeHash`.
         qos_profiles: QoS profile of each endpoint; a dict has the arguments of `QoSProfile`.
         endpoint_gids: bytes that identify each endpoint.
         endpoint_type: client or server.

@@ -1,4 +1,4 @@
-"""Search for the ready entities of nodes, and their execution: one item is taken, and the callback called with it.
+"""Search for the ready entities of nodes, and their execution: take one item, and call the callback with it.
 
 The search runs for each message, before and after an executor waits, so endpoints without an arrival are skipped.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     ReadyEntities = list[tuple[Any, Node]]
 
 _KINDS = ("subscriptions", "guards", "clients", "services")
-"""Kinds of entities in rclpy's order, between timers and waitables."""
+"""Kinds of entities in the order in which rclpy executes them, between timers and waitables."""
 
 
 def find_ready_entities(
@@ -33,9 +33,13 @@ def find_ready_entities(
 ) -> tuple[ReadyEntities, float | None, bool]:
     """Return the ready entities that may run, except waitables, node by node in rclpy's order.
 
+    Args:
+        nodes: nodes to search.
+        can_execute: returns True if the callback of an entity may run now.
+
     Returns:
-        The entities; the seconds until the next timer, None if no timer will be due without another event; and True if
-            there are waitables.
+        entities with their nodes; seconds until the next timer is due, None if no timer will be due without another
+            event; True if there are waitables.
     """
     ready: ReadyEntities = []
     min_wait_s: float | None = None
@@ -66,7 +70,7 @@ def find_ready_entities(
 
 
 def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyEntities:
-    """Return the ready waitables; called once for each scan, because the check may change them."""
+    """Return the ready waitables with their nodes; called once for each search, because the check may change them."""
     ready: ReadyEntities = []
     wait_set: WaitSet | None = None
     for node in nodes:
@@ -87,7 +91,11 @@ def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], boo
 
 
 def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Coroutine[Any, Any, None] | None:
-    """Take an item and call the callback; return the continuation of an async callback, which occupies its group."""
+    """Take an item from a ready entity, and call the entity's callback with it.
+
+    Returns:
+        coroutine that awaits an async callback, which occupies its callback group; None if the callback has ended.
+    """
     group = entity.callback_group
     if is_shutdown or not group.beginning_execution(entity):
         entity._executor_event = False
@@ -133,7 +141,7 @@ def _end_execution(executor: Executor, entity: Any) -> None:
 
 
 def is_in_callback_that_blocks(entity: Any) -> bool:
-    """Return True if this thread runs a callback that keeps the callback of `entity` from being called."""
+    """Return True if the calling thread runs a callback that prevents the callback of `entity` from being called."""
     frame = sys._getframe()
     while frame.f_back is not None:
         frame = frame.f_back

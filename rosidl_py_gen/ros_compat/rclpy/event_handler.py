@@ -1,4 +1,4 @@
-"""Events of publishers and subscriptions, and the waitables that call the program's functions for them."""
+"""Events of publishers and subscriptions, and the waitables that call the program's functions for the events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class rcl_publisher_event_type_t(EnumOfC):  # as in C
-    """Events of publishers; numbers of rcl."""
+    """Kinds of events of publishers, with the numbers of rcl."""
 
     RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
     RCL_PUBLISHER_LIVELINESS_LOST = 1
@@ -38,7 +38,7 @@ QoSPublisherEventType = rcl_publisher_event_type_t
 
 
 class rcl_subscription_event_type_t(EnumOfC):  # as in C
-    """Events of subscriptions; numbers of rcl."""
+    """Kinds of events of subscriptions, with the numbers of rcl."""
 
     RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
     RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1
@@ -64,7 +64,7 @@ IncompatibleTypeInfo = runtime.IncompatibleStatus
 
 
 class EventHandle(Destroyable):
-    """Queue of the events of one kind that were reported and not taken."""
+    """Queue of events of one kind that an endpoint has reported, and that were not taken yet."""
 
     def __init__(self, items: deque[Any]) -> None:
         super().__init__()
@@ -75,7 +75,7 @@ class EventHandle(Destroyable):
 
 
 class EventHandler(Waitable):
-    """Waitable for one kind of event of a publisher or subscription.
+    """Waitable for one kind of event of a publisher or subscription, which calls a function for each event.
 
     Raises:
         UnsupportedEventTypeError: the endpoint was created without a callback for the event.
@@ -124,7 +124,7 @@ class EventHandler(Waitable):
             wait_set.add_event(self._rosidl_event)
 
     def destroy(self) -> None:
-        """Stop waiting for the event."""
+        """Stop waiting for events of this kind."""
         self._rosidl_event.destroy_when_not_in_use()
 
 
@@ -143,7 +143,7 @@ class QoSEventHandler(EventHandler):
 
 
 class _EventCallbacks:
-    """Functions by the runtime's names of events."""
+    """Base of the callbacks for events of an endpoint; the fields of subclasses are the runtime's names of events."""
 
     _ROSIDL_EVENT_TYPES: dict[str, EnumOfC]
     _ROSIDL_QOS_WARNING: str
@@ -154,7 +154,10 @@ class _EventCallbacks:
         return {name: getattr(self, name) for name in self._ROSIDL_EVENT_TYPES if getattr(self, name) is not None}
 
     def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
-        """Return a queue for each requested event, by number, and the runtime's callbacks that fill them, if any."""
+        """Return a queue for each requested kind of event (rcl's number), and the runtime's callbacks that fill them.
+
+        The callbacks are None if no event is requested.
+        """
         defaults = ("incompatible_qos", "incompatible_type") if self.use_default_callbacks else ()
         queues = {name: deque[Any]() for name in (*defaults, *self._rosidl_program_callbacks())}
 
@@ -181,7 +184,7 @@ class _EventCallbacks:
         ]
 
     def _rosidl_default_callbacks(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
-        """Return the default callbacks by name, which log incompatible peers."""
+        """Return the default callbacks, by name of the event, which log incompatible peers; empty if switched off."""
         if not self.use_default_callbacks:
             return {}
         logger = get_logger(impl.logger_name)
@@ -199,7 +202,7 @@ class _EventCallbacks:
 
 @dataclass(kw_only=True, eq=False)
 class SubscriptionEventCallbacks(_EventCallbacks):
-    """Callbacks for events of a subscription; each is called with one of the `...Info` values."""
+    """Callbacks for events of a subscription; each is called with a value such as `QoSSubscriptionMatchedInfo`."""
 
     _ROSIDL_RUNTIME_CLASS = runtime.SubscriptionEventCallbacks
     _ROSIDL_QOS_WARNING = (
@@ -225,13 +228,13 @@ class SubscriptionEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """Return the handlers of the callbacks, and the default ones if `use_default_callbacks` is set."""
+        """Return a waitable for each callback, also for the default callbacks if `use_default_callbacks` is set."""
         return self._rosidl_handlers(callback_group, subscription, topic_name)
 
 
 @dataclass(kw_only=True, eq=False)
 class PublisherEventCallbacks(_EventCallbacks):
-    """Callbacks for events of a publisher; each is called with one of the `...Info` values."""
+    """Callbacks for events of a publisher; each is called with a value such as `QoSPublisherMatchedInfo`."""
 
     _ROSIDL_RUNTIME_CLASS = runtime.PublisherEventCallbacks
     _ROSIDL_QOS_WARNING = (
@@ -255,5 +258,5 @@ class PublisherEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """Return the handlers of the callbacks, and the default ones if `use_default_callbacks` is set."""
+        """Return a waitable for each callback, also for the default callbacks if `use_default_callbacks` is set."""
         return self._rosidl_handlers(callback_group, publisher, topic_name)

@@ -1,4 +1,4 @@
-"""Exceptions of rclpy; those that its C extension raises are in `rclpy._rclpy_pybind11`."""
+"""Exceptions of rclpy; the exceptions that its C extension raises are in `rclpy._rclpy_pybind11`."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ if TYPE_CHECKING:
 
 
 class NotInitializedException(Exception):
-    """Raised when an operation needs a context on which `rclpy.init` was called."""
+    """Raised when an operation needs an open context, but `rclpy.init` was not called on the context."""
 
     def __init__(self, message: str | None = None) -> None:
         super().__init__("rclpy.init() has not been called." + (f" msg:{message}" if message else ""))
 
 
 class NoTypeSupportImportedException(Exception):
-    """Raised for a class that is not a message or service."""
+    """Raised for a class that is not the class of a message or service."""
 
     def __init__(self) -> None:
         super().__init__("no type_support imported")
 
 
 class NameValidationException(Exception):
-    """Raised for a name that ROS does not allow; the text has a caret below the position."""
+    """Raised for a name that ROS does not allow; the text has a caret below the invalid position."""
 
     def __init__(self, name_type: str, name: str, error_msg: str, invalid_index: int) -> None:
         super().__init__(f"Invalid {name_type}: {error_msg}:\n  '{name}'\n   {' ' * invalid_index}^")
@@ -88,7 +88,7 @@ class InvalidParameterException(ParameterException):
 
 
 class InvalidParameterTypeException(ParameterException):
-    """Raised when a parameter is declared with a value of another type."""
+    """Raised when a parameter is declared with an initial value of another type."""
 
     def __init__(self, desired_parameter: Parameter, expected_type: Parameter.Type | str) -> None:
         from rclpy.parameter import Parameter

@@ -58,7 +58,7 @@ _AWAIT_OR_EXECUTE = await_or_execute
 
 
 class TimeoutException(Exception):
-    """Raised when no entity was ready in time."""
+    """Raised by a wait of an executor when no entity was ready in time."""
 
 
 class ShutdownException(Exception):
@@ -70,11 +70,11 @@ class ExternalShutdownException(Exception):
 
 
 class ConditionReachedException(Exception):
-    """Raised when the condition of the wait has become true."""
+    """Raised by a wait of an executor when the wait's condition has become true."""
 
 
 class TimeoutObject:
-    """Timeout in seconds that may be changed between the waits that use it."""
+    """Timeout in seconds that the program may change between the waits that use it."""
 
     timeout: float
 
@@ -84,7 +84,7 @@ class TimeoutObject:
 
 _Timeout = float | TimeoutObject | None
 _SELECTOR_RESOLUTION_S = 0.001
-"""Shortest wait of a selector, which counts whole milliseconds; shorter waits are slept in steps."""
+"""Shortest wait of a selector, which counts whole milliseconds; shorter waits are divided into short sleeps."""
 _SHORT_SLEEP_S = 0.0005
 
 
@@ -93,7 +93,7 @@ def _always_false() -> bool:
 
 
 class Executor:
-    """Base class of executors, which finds ready entities; subclasses of programs define `spin_once`.
+    """Base class of executors, which finds ready entities; programs may subclass it and define `spin_once`.
 
     Args:
         context: an open context. [default: the default context]
@@ -131,7 +131,7 @@ class Executor:
     def create_task(
         self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
     ) -> Task[Any]:
-        """Schedule a function or coroutine and return a future of its result."""
+        """Schedule a function or coroutine for execution by this executor, and return a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
         self._rosidl_retain_task(task, None, None)
         self.wake()
@@ -143,11 +143,11 @@ class Executor:
 
     @property
     def is_spinning(self) -> bool:
-        """True while a thread spins."""
+        """True while a thread spins this executor."""
         return bool(self._rosidl_spins)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Stop: all spinning threads return. Returns True at once, as in rclpy, whatever `timeout_sec` is."""
+        """Stop the executor: all spinning threads return. Returns True at once, as in rclpy; ignores `timeout_sec`."""
         self._is_shutdown = True
         self.wake()
         with self._nodes_lock:
@@ -156,7 +156,7 @@ class Executor:
         return True
 
     def add_node(self, node: Node) -> bool:
-        """Serve a node, which leaves its previous executor; return False if it is served here already."""
+        """Serve a node, which leaves its previous executor; return False if this executor serves the node already."""
         with self._nodes_lock:
             if node in self._nodes:
                 return False
@@ -227,7 +227,7 @@ class Executor:
             self._rosidl_spins.pop()
 
     def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
-        """Wait for one ready callback and run it, but return without running one if a future is done."""
+        """Wait for one ready callback and run it; return without running a callback if a future is done."""
         self._rosidl_wake_at_end(future)
         self._rosidl_spins.append(None)
         try:
@@ -254,9 +254,10 @@ class Executor:
             self._tasks.append((task, entity, node))
 
     def _rosidl_replaced_take(self, entity: Any) -> _Take | None:
-        """Return the `_take_` method for an entity if the program has replaced it, or `await_or_execute`, else None.
+        """Return the method ``_take_...`` for an entity, if the program has replaced that method or `await_or_execute`.
 
-        Without these methods, execution needs no coroutine, which saves a tenth of the time of a callback.
+        Otherwise return None: without the method, execution needs no coroutine, which saves a tenth of the time of a
+        callback.
         """
         name = entity._rosidl_take_method
         take: _Take = getattr(self, name)
@@ -298,11 +299,11 @@ class Executor:
         return waitable._rosidl_take(self)
 
     def can_execute(self, entity: Any) -> bool:
-        """Return True if the callback of an entity may run now: its group allows it, and it is not scheduled yet."""
+        """Return True if the callback of an entity may run now: its group allows that, and it is not scheduled yet."""
         return not entity._executor_event and bool(entity.callback_group.can_execute(entity))
 
     def _rosidl_resumable_tasks(self, nodes: Iterable[Node]) -> Iterator[_Work]:
-        """Yield the tasks that can continue, newest first."""
+        """Yield the tasks of nodes that can start or continue, newest first."""
         if not self._tasks:
             return
         with self._tasks_lock:
@@ -325,7 +326,7 @@ class Executor:
     def _rosidl_wait(
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
     ) -> list[tuple[Any, Node]]:
-        """Wait for ready entities and return them; an empty list if something else ends the wait."""
+        """Wait for ready entities and return them with their nodes; return [] if something else ends the wait."""
         handle, has_polled, can_execute = self._rosidl_handle, False, self.can_execute
         try:
             while True:
@@ -402,11 +403,14 @@ class Executor:
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> _Work:
         """Return the next task to call, and its entity and node, which may be None.
 
-        It accepts ``timeout_sec=None`` in seconds (None or negative: unlimited; 0: do not wait), ``nodes=None`` (by
-        default all nodes of the executor), and ``condition``, a function that ends the wait when it returns True.
+        The method accepts ``timeout_sec=None`` in seconds (None or negative: unlimited; 0: do not wait), ``nodes=None``
+        (by default all nodes of the executor), and ``condition``, a function that ends the wait when it returns True.
 
         Raises:
-            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: see the classes.
+            TimeoutException: no entity was ready in time.
+            ShutdownException: the executor was shut down.
+            ExternalShutdownException: the context was shut down.
+            ConditionReachedException: `condition` returned True.
         """
         task, entity, node = self._rosidl_next_work(args, kwargs)
         return self._make_handler(entity, node) if task is None else task, entity, node
@@ -435,7 +439,7 @@ _WAIT_FOR_READY_CALLBACKS = Executor.wait_for_ready_callbacks
 
 
 def _calls(callback: Callable[..., Any] | None, *args: Any) -> _Execution | None:
-    """Return a function that calls a callback through `await_or_execute`."""
+    """Return a coroutine function that calls a callback through `await_or_execute`; None for None."""
     if callback is None:
         return None
 
@@ -446,7 +450,7 @@ def _calls(callback: Callable[..., Any] | None, *args: Any) -> _Execution | None
 
 
 class SingleThreadedExecutor(Executor):
-    """Executor that runs callbacks in the spinning thread; their exceptions leave `spin`."""
+    """Executor that runs callbacks in the spinning thread; exceptions of callbacks leave `spin`."""
 
     _rosidl_has_one_thread = True
 
@@ -473,7 +477,7 @@ class SingleThreadedExecutor(Executor):
 
 
 class MultiThreadedExecutor(Executor):
-    """Executor that runs callbacks in a thread pool; their exceptions leave a later `spin_once`.
+    """Executor that runs callbacks in a thread pool; an exception of a callback leaves a later `spin_once`.
 
     Args:
         num_threads: size of the pool. [default: number of processors that the process may use]
@@ -492,7 +496,12 @@ class MultiThreadedExecutor(Executor):
         self._executor = ThreadPoolExecutor(num_threads)
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool | None = None) -> bool:
-        """Stop; with `wait_for_threads` wait for the callbacks that are running, which must not call this method."""
+        """Stop the executor: all spinning threads return.
+
+        Args:
+            timeout_sec: without effect.
+            wait_for_threads: wait for the running callbacks, which must not call this method. [default: do not wait]
+        """
         is_done = super().shutdown(timeout_sec)
         if wait_for_threads is not None:
             self._executor.shutdown(wait=wait_for_threads)

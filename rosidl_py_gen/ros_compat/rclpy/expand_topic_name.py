@@ -5,7 +5,9 @@ from rosidl_py_gen import InvalidNameError, runtime
 
 
 def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> str:
-    """Return ``/ns/node/x`` for ``~/x``, without remapping; the result may still be an invalid name.
+    """Return the full name of a topic, such as ``/ns/node/x`` for ``~/x``, without remapping.
+
+    The result may still be an invalid name.
 
     Raises:
         ValueError: one of the three arguments is invalid.

@@ -1,4 +1,4 @@
-"""Guard conditions, which a program triggers."""
+"""Guard conditions: entities whose callback runs after the program has triggered them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class GuardConditionHandle(Destroyable):
-    """Trigger of a guard condition."""
+    """Handle of a guard condition, which records triggers."""
 
     def __init__(self, context: ContextHandle) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ class GuardCondition:
         self._executor_event = False
 
     def trigger(self) -> None:
-        """Schedule the callback; raise InvalidHandle after `destroy`. Thread: any."""
+        """Schedule the callback of the guard condition; raise InvalidHandle after `destroy`. Thread: any."""
         with self._rosidl_guard_handle:
             self._rosidl_guard_handle.trigger_guard_condition()
 

@@ -1,6 +1,6 @@
-"""Handles of the runtime's contexts, nodes and endpoints: they count uses, and close the object after the last one.
+"""Handles of the runtime's contexts, nodes and endpoints: they count uses, and close the object after the last use.
 
-``with handle`` keeps the object from being closed by another thread, and raises InvalidHandle after its destruction.
+``with handle`` prevents other threads from closing the object, and raises InvalidHandle after its destruction.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Any)
-"""Endpoint, node or context of the runtime."""
+"""Type of the endpoint, node or context of the runtime that a handle closes."""
 _DESTROYED_TEXT = "cannot use Destroyable because destruction was requested"
 
 
 class Destroyable:
-    """Object that counts its uses and is destroyed after the last one."""
+    """Object that counts its uses (``with`` blocks), and is destroyed when no use is left."""
 
     def __init__(self, parent: Destroyable | None = None) -> None:
         self._users = 0
@@ -45,7 +45,7 @@ class Destroyable:
 
     @property
     def is_valid(self) -> bool:
-        """False after `destroy_when_not_in_use`."""
+        """False after a call of `destroy_when_not_in_use`."""
         return not self._is_destruction_requested
 
     def __enter__(self) -> Self:
@@ -66,7 +66,7 @@ class Destroyable:
         self._destroy_if_unused()
 
     def destroy_when_not_in_use(self) -> None:
-        """Refuse new uses, and destroy the object after the last current one; may be called twice."""
+        """Refuse new uses of the object, and destroy it when the last current use ends; may be called twice."""
         with self._users_lock:
             self._is_destruction_requested = True
         self._destroy_if_unused()
@@ -81,12 +81,12 @@ class Destroyable:
             self._parent.__exit__()
 
     def _destroy(self) -> None:
-        """Release the resources; called once, when no use is left."""
+        """Release the resources of the object; called once, when no use is left."""
 
 
 @contextlib.contextmanager
 def denied_as_rcl_error() -> Iterator[None]:
-    """Raise RCLError where security denies an endpoint."""
+    """Convert the runtime's `SecurityError` in a block to RCLError: security denies the creation of an endpoint."""
     try:
         yield
     except runtime.SecurityError as error:
@@ -94,7 +94,7 @@ def denied_as_rcl_error() -> Iterator[None]:
 
 
 class ContextHandle(Destroyable):
-    """Context of the runtime, and the loop that spinning threads run."""
+    """Handle of a context of the runtime, with the event loop that spinning threads run."""
 
     def __init__(self, args: list[str], domain_id: int | None) -> None:
         super().__init__()
@@ -107,13 +107,15 @@ class ContextHandle(Destroyable):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.change_token: object = None
-        """Replaced by a new object after each change that an executor may wait for."""
+        """Object that is replaced after each change for which an executor may wait."""
         self._topic_handles: set[weakref.ref[Handle[Any]]] = set()
-        """Publishers and subscriptions of the program, which have callbacks for incompatible peers or want none."""
+        """Publishers and subscriptions whose own callbacks, if any, report incompatible peers."""
         self.runtime.on_incompatible_endpoint = self._on_incompatible_endpoint
         self.creation_lock = threading.RLock()
-        """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
-        counts it then and publishes would lose the message.
+        """Lock for creating and counting endpoints.
+
+        The graph contains an endpoint before it is matched; a program that counts it then and publishes would lose the
+        message.
         """
         self._is_ok = True
         self._loop_users = 0
@@ -123,11 +125,11 @@ class ContextHandle(Destroyable):
         self._is_closed = False
 
     def add_topic_handle(self, handle: Handle[Any]) -> None:
-        """Leave the logging of incompatible peers on this topic to the callbacks of the endpoint."""
+        """Register an endpoint that itself reports incompatible peers on its topic; the context does not log them."""
         self._topic_handles.add(weakref.ref(handle, self._topic_handles.discard))
 
     def _on_incompatible_endpoint(self, text: str, topic: str) -> None:
-        """Log an incompatible peer of another endpoint, such as a client. Thread: loop."""
+        """Log an incompatible peer, unless an endpoint on the topic reports it by its own callbacks. Thread: loop."""
         handles = [reference() for reference in tuple(self._topic_handles)]  # other threads add some
         if all(handle is None or handle.entity.topic != topic for handle in handles):
             runtime.get_logger("rclpy").warning(text)
@@ -175,7 +177,7 @@ class ContextHandle(Destroyable):
         self.close()
 
     def start_loop_thread(self) -> None:
-        """Run the loop in a thread until `stop_loop_thread` was called as often; executors may run the loop as well."""
+        """Run the event loop in a thread until `stop_loop_thread` was called as often; executors may run it, too."""
         with self._loop_users_lock:
             self._loop_users += 1
             if self._loop_users == 1:
@@ -190,7 +192,7 @@ class ContextHandle(Destroyable):
                 self.notify()
 
     def wait(self, until: Callable[[], object], timeout_sec: float | None) -> bool:
-        """Run the loop until `until` is true, the context is shut down or the time has passed.
+        """Run the event loop until `until()` is true, the context is shut down or the time has passed.
 
         Returns:
             The last result of `until`, as a bool.
@@ -202,11 +204,13 @@ class ContextHandle(Destroyable):
 
 
 class Handle(Destroyable, Generic[C]):
-    """Handle of an endpoint of the runtime; if it is deleted without being destroyed, the loop closes the endpoint.
+    """Handle of an endpoint or node of the runtime.
+
+    If the handle is deleted without being destroyed, the event loop closes the endpoint.
 
     Attributes:
         logger_name: name of the node's logger.
-        events: queues of reported events, by number.
+        events: queues of reported events, by rcl's number of their kind.
         on_arrival: function that is called after each arrival. Thread: loop.
         marked_kinds: for a node, the kinds of its endpoints, such as ``clients``, of which some may be ready. Executors
             check no other endpoints.
@@ -234,7 +238,7 @@ class Handle(Destroyable, Generic[C]):
         self._node = parent if isinstance(parent, Handle) else None
 
     def create_endpoint_handle(self, entity: Any, kind: str) -> Handle[Any]:
-        """Return the handle of an endpoint of this node, which the endpoint notifies of arrivals."""
+        """Return the handle of a new endpoint of this node; the endpoint notifies the handle of arrivals."""
         handle: Handle[Any] = Handle(self.context, entity, self, logger_name=self.logger_name, kind=kind)
         if hasattr(entity, "on_ready"):
             handle.set_ready_check(lambda: entity.is_ready)
@@ -242,11 +246,11 @@ class Handle(Destroyable, Generic[C]):
         return handle
 
     def set_ready_check(self, is_ready: Callable[[], bool]) -> None:
-        """Set the function that returns whether the endpoint has something to take."""
+        """Set the function that returns True if something can be taken from the endpoint."""
         self._has_more = is_ready
 
     def is_ready(self) -> bool:
-        """Return True if something can be taken."""
+        """Return True if something can be taken from the endpoint."""
         if not self._may_be_ready or self._is_destruction_requested:
             return False
         self._may_be_ready = False  # before the check, as a message may arrive during it
@@ -255,14 +259,18 @@ class Handle(Destroyable, Generic[C]):
         return self._may_be_ready
 
     def may_be_ready(self) -> bool:
-        """Return True if something may be taken, without a check; for endpoints that `take_from` reads."""
+        """Return True if the endpoint may be ready, without checking it; for endpoints that `take_from` reads."""
         if not self._may_be_ready or self._is_destruction_requested:
             return False
         self._mark_ready()
         return True
 
     def take_from(self, take: Callable[[C], T]) -> T:
-        """Take from the endpoint, which stays marked if it has more; raise InvalidHandle if it was destroyed."""
+        """Call `take` with the endpoint and return its result; the endpoint stays marked as ready if it has more.
+
+        Raises:
+            InvalidHandle: the endpoint was destroyed.
+        """
         if self._is_destruction_requested:
             raise InvalidHandle(_DESTROYED_TEXT)
         self._may_be_ready = False
@@ -277,7 +285,7 @@ class Handle(Destroyable, Generic[C]):
             self._node.marked_kinds.add(self._kind)
 
     def notify_arrival(self) -> None:
-        """Record that something may be taken. Thread: loop."""
+        """Record that something may be taken from the endpoint, and wake up executors. Thread: loop."""
         self._mark_ready()
         self.context.notify()
         if self.on_arrival is not None:
@@ -296,9 +304,10 @@ class Handle(Destroyable, Generic[C]):
 
     @contextlib.contextmanager
     def in_use(self, *, require_ok: bool = True) -> Iterator[C]:
-        """Return a context manager with the endpoint; the runtime's errors after a shutdown become RCLError.
+        """Return a context manager with the endpoint, which cannot be closed in the block.
 
-        Without `require_ok`, the endpoint may be used after a signal has shut the context down.
+        The runtime's errors after a shutdown become RCLError. Without `require_ok`, the endpoint may be used after a
+        signal has shut the context down.
         """
         with self:
             if require_ok:
@@ -310,7 +319,7 @@ class Handle(Destroyable, Generic[C]):
 
 
 def _weak_notifier(handle: Handle[Any]) -> Callable[[], None]:
-    """Return a function that an endpoint calls after an arrival; it does not keep the handle alive."""
+    """Return a function that an endpoint calls after an arrival; the function does not keep the handle alive."""
     reference = weakref.ref(handle)
 
     def notify() -> None:

@@ -19,7 +19,7 @@ _root_logger = RcutilsLogger()
 
 
 def get_logger(name: str) -> RcutilsLogger:
-    """Return the logger of a name, which needs no node; raise ValueError for an empty name."""
+    """Return the logger with a name, for use without a node; raise ValueError for an empty name."""
     if not name:
         raise ValueError("Logger name must not be empty.")
     return _root_logger.get_child(name)
@@ -30,7 +30,7 @@ def initialize() -> None:
 
 
 def shutdown() -> None:
-    """Reset the level of every logger."""
+    """Reset the level of every logger, as `clear_config` does."""
     runtime.set_logger_level("", "unset")
     for name in list(runtime.get_logger("").manager.loggerDict):
         runtime.set_logger_level(name, "unset")
@@ -43,7 +43,7 @@ def clear_config() -> None:
 
 
 def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> None:
-    """Set the level of a logger and of its children without a level; raise ValueError for an unknown level."""
+    """Set the level of a logger, and of its children without a level; raise ValueError for an unknown level."""
     rclpy_logging_set_logger_level(name, LoggingSeverity(level))
 
 
@@ -53,12 +53,12 @@ def get_logger_effective_level(name: str) -> LoggingSeverity:
 
 
 def get_logger_level(name: str) -> LoggingSeverity:
-    """Return the level that was set, UNSET if none was."""
+    """Return the level that was set for a logger, UNSET if none was set."""
     return LoggingSeverity(rclpy_logging_get_logger_level(name))
 
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
-    """Return the severity of a name, in any case; raise RuntimeError for an unknown one."""
+    """Return the severity with a name in upper or lower case; raise RuntimeError for an unknown name."""
     return LoggingSeverity(rclpy_logging_severity_level_from_string(log_severity))
 
 

@@ -1,4 +1,4 @@
-"""Nodes. Most of the names that programs import from here come from the modules of the node's parts."""
+"""Nodes. Most of the names that programs import from this module are defined in the modules of the node's parts."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _ACTION_TYPE_SUFFIX = "_FeedbackMessage"
 
 
 def _actions_of_topics(topics: _NamesAndTypes) -> _NamesAndTypes:
-    """Return the actions that have a feedback topic among these."""
+    """Return the actions whose feedback topics are among the given topics."""
     return [
         (
             name.removesuffix(_ACTION_TOPIC_SUFFIX),
@@ -85,7 +85,7 @@ def _actions_of_topics(topics: _NamesAndTypes) -> _NamesAndTypes:
 
 
 def _forget_entity(node: weakref.ref[Node], kind: str, entity: Any) -> None:
-    """Remove an entity that the program destroys itself from the lists of its node."""
+    """Remove an entity that the program itself has destroyed from the lists of its node."""
     if (owner := node()) is not None:
         owner._rosidl_forget(entity, kind)
 
@@ -93,7 +93,7 @@ def _forget_entity(node: weakref.ref[Node], kind: str, entity: Any) -> None:
 class BaseNode(NodeParameters):
     """Base class of `Node` and `rclpy.experimental.AsyncNode`: names, parameters, logging and the graph.
 
-    Subclasses create the entities, and the clock before they call the constructor.
+    Subclasses create the entities, and must create the clock before they call the constructor.
     """
 
     _clock: Any
@@ -164,7 +164,7 @@ class BaseNode(NodeParameters):
 
     @staticmethod
     def _rosidl_min_depth(content_filter_options: ContentFilterOptions | None) -> int:
-        """Return the number of messages that a subscription with this filter has to retain at least."""
+        """Return the minimum queue depth of a subscription with a content filter; 0 without a filter."""
         if content_filter_options is None or not content_filter_options.filter_expression:
             return 0
         from rclpy.impl.content_filter import MIN_DEPTH
@@ -176,13 +176,13 @@ class BaseNode(NodeParameters):
         raise NotImplementedError
 
     def create_publisher(self, msg_type: type[Any], topic: str, qos_profile: QoSProfile | int) -> Any:
-        """Create a publisher."""
+        """Create a publisher; implemented by subclasses."""
         raise NotImplementedError
 
     def create_subscription(
         self, msg_type: type[Any], topic: str, callback: Callable[..., Any], qos_profile: QoSProfile | int
     ) -> Any:
-        """Create a subscription."""
+        """Create a subscription; implemented by subclasses."""
         raise NotImplementedError
 
     def create_service(
@@ -193,7 +193,7 @@ class BaseNode(NodeParameters):
         *,
         qos_profile: QoSProfile = qos_profile_services_default,
     ) -> Any:
-        """Create a service."""
+        """Create a service; implemented by subclasses."""
         raise NotImplementedError
 
     @property
@@ -209,17 +209,17 @@ class BaseNode(NodeParameters):
         raise AttributeError("handle cannot be modified after node creation")
 
     def get_name(self) -> str:
-        """Return the name after remapping, without namespace."""
+        """Return the name of the node after remapping, without namespace."""
         with self.handle as handle:
             return handle.entity.name
 
     def get_namespace(self) -> str:
-        """Return ``/`` or ``/ns``, after remapping."""
+        """Return the namespace of the node after remapping: ``/`` or ``/ns``."""
         with self.handle as handle:
             return handle.entity.namespace
 
     def get_fully_qualified_name(self) -> str:
-        """Return the namespace and name, ``/ns/name``."""
+        """Return namespace and name of the node: ``/ns/name``."""
         with self.handle as handle:
             return handle.entity.fully_qualified_name
 
@@ -286,9 +286,10 @@ class BaseNode(NodeParameters):
         create: Callable[..., Any],
         min_depth: int = 0,
     ) -> Handle[Any]:
-        """Check the arguments, override the profile, and return the handle of the endpoint that `create` returns.
+        """Check the arguments of a publisher or subscription, and return the handle of the endpoint from `create`.
 
-        Without callbacks, the runtime logs incompatible peers. The endpoint retains at least `min_depth` messages.
+        Parameters may override the QoS profile. Without callbacks, the runtime logs incompatible peers. The endpoint
+        retains at least `min_depth` messages.
         """
         full = self._rosidl_resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if options is None else options
@@ -312,7 +313,7 @@ class BaseNode(NodeParameters):
         return handle
 
     def _rosidl_create_on_service(self, role: str, srv_type: Any, srv_name: str, profile: QoSProfile) -> Handle[Any]:
-        """Check the arguments, and return the handle of a new ``client`` or ``service``."""
+        """Check the arguments of a ``client`` or ``service``, create it, and return its handle."""
         check_is_valid_srv_type(srv_type)
         self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle, denied_as_rcl_error():
@@ -323,11 +324,11 @@ class BaseNode(NodeParameters):
             )
 
     def get_node_names(self) -> list[str]:
-        """Return the names of all nodes, without namespaces."""
+        """Return the names of all nodes in the graph, without namespaces."""
         return [name for name, _ in self.get_node_names_and_namespaces()]
 
     def get_fully_qualified_node_names(self) -> list[str]:
-        """Return the names of all nodes, with namespaces."""
+        """Return the names of all nodes in the graph, with namespaces."""
         return [f"{'' if ns == '/' else ns}/{name}" for name, ns in self.get_node_names_and_namespaces()]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
@@ -354,7 +355,7 @@ class BaseNode(NodeParameters):
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> _NamesAndTypes:
-        """Return the topics a node publishes; with `no_demangle` all DDS topics it writes.
+        """Return the topics that a node publishes; with `no_demangle` all DDS topics that it writes.
 
         Raises:
             NodeNameNonExistentError: the node is not in the graph.
@@ -364,7 +365,7 @@ class BaseNode(NodeParameters):
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> _NamesAndTypes:
-        """Return the topics a node subscribes to; with `no_demangle` all DDS topics it reads.
+        """Return the topics that a node subscribes to; with `no_demangle` all DDS topics that it reads.
 
         Raises:
             NodeNameNonExistentError: the node is not in the graph.
@@ -372,15 +373,15 @@ class BaseNode(NodeParameters):
         return self._rosidl_names_of_node("subscriber", node_name, node_namespace, no_demangle)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
-        """Return the services of a node; raise NodeNameNonExistentError if it is not in the graph."""
+        """Return the services that a node serves; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_names_of_node("service", node_name, node_namespace)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
-        """Return the services a node has clients of; raise NodeNameNonExistentError if it is not in the graph."""
+        """Return the services that a node has clients of; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_names_of_node("client", node_name, node_namespace)
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> _NamesAndTypes:
-        """Return all topics; with `no_demangle` all DDS topics, which include the topics of services."""
+        """Return all topics with their types; with `no_demangle` all DDS topics, including the topics of services."""
         with self.handle.in_use() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
@@ -418,11 +419,11 @@ class BaseNode(NodeParameters):
             return [TopicEndpointInfo._rosidl_from_runtime(info) for info in infos]
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Return the publishers of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
+        """Return information on each publisher of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
         return self._rosidl_endpoint_infos("publishers", topic_name, no_mangle)
 
     def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Return the subscriptions of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
+        """Return information on each subscription of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
         return self._rosidl_endpoint_infos("subscriptions", topic_name, no_mangle)
 
     def _rosidl_service_infos(self, name: str, no_mangle: bool, kind: EndpointTypeEnum) -> list[ServiceEndpointInfo]:
@@ -441,7 +442,7 @@ class BaseNode(NodeParameters):
             return [ServiceEndpointInfo._rosidl_from_runtime(info, kind) for info in infos]
 
     def get_clients_info_by_service(self, service_name: str, no_mangle: bool = False) -> list[ServiceEndpointInfo]:
-        """Return the clients of a service, whose name is expanded and remapped unless `no_mangle`.
+        """Return information on each client of a service, whose name is expanded and remapped unless `no_mangle`.
 
         Raises:
             RCLError: `no_mangle` is true on DDS.
@@ -449,11 +450,15 @@ class BaseNode(NodeParameters):
         return self._rosidl_service_infos(service_name, no_mangle, EndpointTypeEnum.CLIENT)
 
     def get_servers_info_by_service(self, service_name: str, no_mangle: bool = False) -> list[ServiceEndpointInfo]:
-        """Return the servers of a service; see `get_clients_info_by_service`."""
+        """Return information on each server of a service, whose name is expanded and remapped unless `no_mangle`.
+
+        Raises:
+            RCLError: `no_mangle` is true on DDS.
+        """
         return self._rosidl_service_infos(service_name, no_mangle, EndpointTypeEnum.SERVER)
 
     def get_action_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
-        """Return the actions a node has clients of, as ``('/turn', ['pkg/action/Turn'])``.
+        """Return the actions that a node has clients of, as ``('/turn', ['pkg/action/Turn'])``.
 
         Raises:
             NodeNameNonExistentError: the node is not in the graph.
@@ -461,18 +466,22 @@ class BaseNode(NodeParameters):
         return _actions_of_topics(self.get_subscriber_names_and_types_by_node(node_name, node_namespace))
 
     def get_action_server_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
-        """Return the actions of a node's servers; see `get_action_client_names_and_types_by_node`."""
+        """Return the actions that a node serves, as ``('/turn', ['pkg/action/Turn'])``.
+
+        Raises:
+            NodeNameNonExistentError: the node is not in the graph.
+        """
         return _actions_of_topics(self.get_publisher_names_and_types_by_node(node_name, node_namespace))
 
     def get_action_names_and_types(self) -> _NamesAndTypes:
-        """Return the actions of all clients and servers."""
+        """Return the actions of all clients and servers in the graph, as ``('/turn', ['pkg/action/Turn'])``."""
         return _actions_of_topics(self.get_topic_names_and_types())
 
     def _rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
         subscription.destroy()
 
     def destroy_node(self) -> None:
-        """Destroy the node; later uses raise InvalidHandle, except for this method."""
+        """Destroy the node; later uses raise InvalidHandle, except for a further call of this method."""
         self._parameter_event_publisher = None
         self._rosidl_node.destroy_when_not_in_use()
 
@@ -566,7 +575,7 @@ class Node(BaseNode):
 
     @property
     def publishers(self) -> Iterator[Publisher]:
-        """Publishers of the node; the properties below are analogous."""
+        """Publishers of the node; the properties `subscriptions`, `clients` and so on are analogous."""
         yield from tuple(self._rosidl_entity_lists["publishers"])
 
     @property
@@ -635,7 +644,9 @@ class Node(BaseNode):
         """Create a publisher; `qos_profile` may be a depth.
 
         Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
+            InvalidTopicNameException: the name of the topic is invalid.
+            NoTypeSupportImportedException: `msg_type` is not the class of a message.
+            UnsupportedEventTypeError: the middleware does not report a requested event.
             TypeError, ValueError: `qos_profile` is not a profile or depth.
             RCLError: the context is shut down.
         """
@@ -680,7 +691,9 @@ class Node(BaseNode):
             acceptable_buffer_backends: without effect; buffers are received in the memory of the process.
 
         Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
+            InvalidTopicNameException: the name of the topic is invalid.
+            NoTypeSupportImportedException: `msg_type` is not the class of a message.
+            UnsupportedEventTypeError: the middleware does not report a requested event.
             TypeError, ValueError: `qos_profile` is not a profile or depth.
             RCLError: the context is shut down.
             RuntimeError: the callback does not take one or two arguments.
@@ -739,7 +752,9 @@ class Node(BaseNode):
         """Create a service whose callback takes a request and an empty response, and returns the response.
 
         Raises:
-            InvalidServiceNameException, NoTypeSupportImportedException, RCLError: see the classes.
+            InvalidServiceNameException: the name of the service is invalid.
+            NoTypeSupportImportedException: `srv_type` is not the class of a service.
+            RCLError: the context is shut down.
         """
         group = self.default_callback_group if callback_group is None else callback_group
         handle = self._rosidl_create_on_service("service", srv_type, srv_name, qos_profile)
@@ -788,17 +803,17 @@ class Node(BaseNode):
         return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
 
     def add_waitable(self, waitable: Waitable) -> None:
-        """Make the executor wait for an object of the program."""
+        """Make the executor wait for a `Waitable` of the program, and execute it when it is ready."""
         self._rosidl_entity_lists["waitables"].append(waitable)
         self._rosidl_wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
-        """Undo `add_waitable`."""
+        """Make the executor no longer wait for a `Waitable`."""
         self._rosidl_entity_lists["waitables"].remove(waitable)
         self._rosidl_wake_executor()
 
     def _rosidl_forget(self, entity: Any, kind: str) -> bool:
-        """Remove an entity from the lists; return False if it is not, or no longer, of this node."""
+        """Remove an entity from the node's lists; return False if it is not, or no longer, of this node."""
         own_list, *other_lists = self._rosidl_lists_of_kind(kind)
         if entity not in own_list:
             return False
@@ -822,7 +837,7 @@ class Node(BaseNode):
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
-        """Destroy an entity after its current uses; return False if it is not, or no longer, of this node."""
+        """Destroy a publisher when its current uses end; return False if it is not, or no longer, of this node."""
         return self._rosidl_destroy(publisher, "publishers")
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
@@ -844,13 +859,13 @@ class Node(BaseNode):
         return self._rosidl_destroy(guard, "guards")
 
     def destroy_rate(self, rate: Rate) -> bool:
-        """Destroy a rate and wake up its sleeping threads; return False if it is not of this node."""
+        """Destroy a rate and wake up threads that sleep with it; return False if the rate is not of this node."""
         was_destroyed = self.destroy_timer(rate._timer)
         rate.destroy()
         return was_destroyed
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
-        """Wait until a node is in the graph, or `timeout` seconds have passed; no executor is needed."""
+        """Wait until a node is in the graph; return False after `timeout` seconds. No executor is needed."""
         name = "/" + fully_qualified_node_name.lstrip("/")
         with self.handle as handle:
             return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)

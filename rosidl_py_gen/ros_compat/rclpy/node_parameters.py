@@ -1,4 +1,4 @@
-"""Mixin of `rclpy.node.Node` with its parameters."""
+"""Mixin of `rclpy.node.Node` with the methods for its parameters."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ _NAME_ONLY = (
 
 
 class NodeParameters:
-    """Declared parameters and callbacks of a node.
+    """Parameters of a node and their callbacks, as in rclpy.
 
-    The runtime's node reads command lines and files; it declares the values it finds there, and no others.
+    The runtime's node reads command lines and files, and declares only the values that it finds there.
     """
 
     PARAM_REL_TOL = rules.RELATIVE_TOLERANCE
@@ -98,10 +98,10 @@ class NodeParameters:
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
-        """Declare a parameter with a default value, or with a `Parameter.Type` and no value.
+        """Declare a parameter with a default value, or with a `Parameter.Type` and no value; return the parameter.
 
         Args:
-            value: value unless the program, the command line or a file has an initial value.
+            value: value that the parameter gets unless the program, the command line or a file has an initial value.
             descriptor: an rcl_interfaces/ParameterDescriptor.
 
         Raises:
@@ -118,7 +118,7 @@ class NodeParameters:
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
     ) -> list[Parameter]:
-        """Declare several parameters, or none if one of the tuples is invalid.
+        """Declare several parameters, or none if one of the tuples is invalid; return the parameters.
 
         Args:
             namespace: prefix of each name, followed by a dot.
@@ -150,7 +150,12 @@ class NodeParameters:
         return [self._rosidl_values[parameter.name] for parameter in requested]
 
     def undeclare_parameter(self, name: str) -> None:
-        """Remove a parameter; raise ParameterNotDeclaredException or ParameterImmutableException."""
+        """Remove a parameter.
+
+        Raises:
+            ParameterNotDeclaredException: the parameter is not declared.
+            ParameterImmutableException: the parameter is read-only.
+        """
         if not self.has_parameter(name):
             raise ParameterNotDeclaredException(name)
         if self._rosidl_descriptors[name].read_only:
@@ -168,8 +173,10 @@ class NodeParameters:
     def get_parameter_type(self, name: str) -> Any:
         """Return the number of a parameter's type.
 
-        For an undeclared one `Parameter.Type.NOT_SET` is returned if that is allowed, else
-        ParameterNotDeclaredException raised.
+        An undeclared parameter has `Parameter.Type.NOT_SET` if the node allows undeclared parameters.
+
+        Raises:
+            ParameterNotDeclaredException: the parameter is not declared, and the node does not allow that.
         """
         if self.has_parameter(name):
             return self._rosidl_values[name].type_.value
@@ -183,11 +190,11 @@ class NodeParameters:
         return [self.get_parameter(name) for name in names]
 
     def get_parameter(self, name: str) -> Parameter:
-        """Return a parameter; if undeclared parameters are allowed, one that is NOT_SET for an undeclared one.
+        """Return a parameter; if the node allows undeclared parameters, an undeclared one is NOT_SET.
 
         Raises:
-            ParameterNotDeclaredException: it is not declared.
-            ParameterUninitializedException: it has no value.
+            ParameterNotDeclaredException: the parameter is not declared, and the node does not allow that.
+            ParameterUninitializedException: the parameter has no value.
         """
         if self.has_parameter(name):
             parameter = self._rosidl_values[name]
@@ -199,22 +206,22 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
-        """Return a parameter, or `alternative_value` (by default one that is NOT_SET) if it has no value."""
+        """Return a parameter, or if it has no value `alternative_value` (by default a parameter that is NOT_SET)."""
         parameter = self._rosidl_values.get(name)
         if parameter is not None and parameter.type_ is not Parameter.Type.NOT_SET:
             return parameter
         return Parameter(name) if alternative_value is None else alternative_value
 
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """Return the parameters below a prefix, by the rest of their names; all for an empty prefix."""
+        """Return name without prefix -> parameter, for all parameters below a prefix; an empty prefix returns all."""
         start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ""
         return {name[len(start) :]: value for name, value in self._rosidl_values.items() if name.startswith(start)}
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
-        """Return names and their prefixes as rcl_interfaces/ListParametersResult.
+        """Return the names of parameters and their groups as rcl_interfaces/ListParametersResult.
 
         Args:
-            prefixes: names and their beginnings up to a dot; empty for all.
+            prefixes: names, or groups (beginnings of names up to a dot), that are listed; empty for all.
             depth: maximum number of name segments after the prefix; 0 for any number.
 
         Raises:
@@ -235,8 +242,10 @@ class NodeParameters:
     def describe_parameter(self, name: str) -> Any:
         """Return the rcl_interfaces/ParameterDescriptor of a parameter.
 
-        For an undeclared one an empty descriptor is returned if that is allowed, else ParameterNotDeclaredException
-        raised.
+        An undeclared parameter has an empty descriptor if the node allows undeclared parameters.
+
+        Raises:
+            ParameterNotDeclaredException: the parameter is not declared, and the node does not allow that.
         """
         if name in self._rosidl_descriptors:
             return self._rosidl_descriptors[name]
@@ -250,16 +259,25 @@ class NodeParameters:
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         """Set parameters one after the other; return an rcl_interfaces/SetParametersResult for each.
 
-        NOT_SET undeclares a parameter of dynamic type.
+        Setting a parameter with dynamic type to NOT_SET undeclares it.
 
         Raises:
-            ParameterNotDeclaredException: a parameter is not declared.
-            TypeError: an element is not a Parameter. Others as the callbacks.
+            ParameterNotDeclaredException: a parameter is not declared, and the node does not allow that.
+            TypeError: an element is not a Parameter.
+            Exception: raised by a callback.
         """
         return [self._rosidl_set([parameter]) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """Set all parameters or none; see `set_parameters`."""
+        """Set all parameters or none; return an rcl_interfaces/SetParametersResult.
+
+        Setting a parameter with dynamic type to NOT_SET undeclares it.
+
+        Raises:
+            ParameterNotDeclaredException: a parameter is not declared, and the node does not allow that.
+            TypeError: an element is not a Parameter.
+            Exception: raised by a callback.
+        """
         return self._rosidl_set(parameter_list)
 
     def _rosidl_set(self, parameter_list: list[Parameter]) -> Any:
@@ -276,7 +294,12 @@ class NodeParameters:
         return self._rosidl_apply(parameter_list, None)
 
     def _rosidl_apply(self, parameters: list[Parameter], new_descriptors: dict[str, Any] | None) -> Any:
-        """Check, set and publish parameters; `new_descriptors` has the descriptors of new ones."""
+        """Check, set and publish parameters; return the result.
+
+        Args:
+            parameters: new values.
+            new_descriptors: descriptors of parameters that are being declared; None to set declared parameters.
+        """
         descriptors = self._rosidl_descriptors if new_descriptors is None else new_descriptors
         for parameter in parameters:
             if parameter.name in descriptors:
@@ -304,7 +327,7 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
     def _rosidl_refusal_reason(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
-        """Return the reason why a value is refused, or an empty string. A dynamic descriptor takes the value's type."""
+        """Return the reason why a descriptor refuses a value, or "". A dynamic descriptor gets the value's type."""
         name, value, type_ = parameter.name, parameter.value, parameter.type_
         descriptor.name = name
         if check_read_only and descriptor.read_only:
@@ -338,15 +361,15 @@ class NodeParameters:
         self._rosidl_values[name] = parameter
 
     def set_descriptor(self, name: str, descriptor: Any, alternative_value: Any = None) -> Any:
-        """Replace the descriptor of a parameter and return its rcl_interfaces/ParameterValue.
+        """Replace the descriptor of a parameter, and return its value as rcl_interfaces/ParameterValue.
 
         Args:
             descriptor: an rcl_interfaces/ParameterDescriptor.
             alternative_value: rcl_interfaces/ParameterValue to set if the descriptor refuses the current value.
 
         Raises:
-            ParameterNotDeclaredException: it is not declared.
-            ParameterImmutableException: it is read-only.
+            ParameterNotDeclaredException: the parameter is not declared.
+            ParameterImmutableException: the parameter is read-only.
             InvalidParameterValueException: the descriptor refuses both values.
         """
         if not self.has_parameter(name):
@@ -365,14 +388,17 @@ class NodeParameters:
         return self.get_parameter(name).get_parameter_value()
 
     def add_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
-        """Register a function that takes the list of parameters before they are checked and returns the list to set.
+        """Register a function that takes the list of parameters before they are checked, and returns the list to set.
 
-        The newest is called first. It is not called for declarations.
+        The newest function is called first. The functions are not called for declarations.
         """
         self._rosidl_pre_set.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
-        """Register a function that decides on changes by an rcl_interfaces/SetParametersResult; newest first."""
+        """Register a function that accepts or refuses a change by returning an rcl_interfaces/SetParametersResult.
+
+        The newest function is called first.
+        """
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
         self._rosidl_on_set.insert(0, callback)
@@ -384,7 +410,7 @@ class NodeParameters:
         self._rosidl_post_set.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
-        """Remove a callback; raise ValueError if it is not registered."""
+        """Remove a function of `add_pre_set_parameters_callback`; raise ValueError if it is not registered."""
         self._rosidl_pre_set.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
@@ -400,7 +426,7 @@ def _require_str_names(names: list[str]) -> None:
 
 
 def _read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) -> tuple[str, Any, Any]:
-    """Return name, value and completed descriptor of a tuple for `Node.declare_parameters`."""
+    """Return name, value and descriptor of one of the tuples for `Node.declare_parameters`."""
     if not 1 <= len(declaration) <= 3:
         raise TypeError(
             f"Invalid parameter tuple length at index {index} in parameters list: {declaration}; "
@@ -438,7 +464,7 @@ def _read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) 
 
 
 def _to_rclpy_value(value: Any) -> Any:
-    """Return an initial value with arrays as lists, and bytes (``!!binary``) as a list of single bytes.
+    """Return an initial value of the runtime as rclpy has it: arrays as lists, bytes as a list of single bytes.
 
     An empty list of a file is bytes in the runtime, which gives it the declared type; in rclpy it is NOT_SET.
     """

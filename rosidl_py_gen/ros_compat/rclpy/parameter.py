@@ -1,4 +1,4 @@
-"""Parameters, and their values as messages, text and files."""
+"""Parameters, and conversions of their values to and from messages, text and files."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Parameter(Subscriptable):
             raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
 
         def check(self, parameter_value: Any) -> bool:
-            """Return True if a value is of this type; a bool is an integer as well."""
+            """Return True if a value is of this type; a bool is an INTEGER as well."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
             python_class = _CLASSES[self.name.removesuffix("_ARRAY")]
@@ -100,7 +100,7 @@ class Parameter(Subscriptable):
 
     @property
     def value(self) -> Any:
-        """Value; None if it is not set."""
+        """Value of the parameter; None if it is not set."""
         return self._value
 
     def get_parameter_value(self) -> Any:
@@ -116,14 +116,14 @@ class Parameter(Subscriptable):
 
 
 _CLASSES: dict[str, type] = {"BYTE": bytes, "BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str}
-"""Type name without ``_ARRAY`` -> class of the value or of all elements. The first match counts."""
+"""Name of a type without ``_ARRAY`` -> class of the value or of all elements. The first match counts."""
 
 _VALUE_FIELDS = {type_.value: f"{type_.name.lower()}_value" for type_ in Parameter.Type if type_.value}
-"""Type number -> field of rcl_interfaces/ParameterValue."""
+"""Number of a type -> field of rcl_interfaces/ParameterValue with the value."""
 
 
 def get_parameter_value(string_value: str) -> Any:
-    """Convert text of a command line to an rcl_interfaces/ParameterValue of the type that YAML gives it.
+    """Convert the text of a value on a command line to an rcl_interfaces/ParameterValue of the type that YAML gives it.
 
     Invalid YAML, and values that no parameter can have, become strings.
     """
@@ -147,7 +147,7 @@ def get_parameter_value(string_value: str) -> Any:
 
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
-    """Return the value of an rcl_interfaces/ParameterValue, arrays as lists; raise RuntimeError for an unknown type."""
+    """Return the value in an rcl_interfaces/ParameterValue, arrays as lists; raise RuntimeError for an unknown type."""
     number = parameter_value.type
     if number == ParameterType.PARAMETER_NOT_SET:
         return None
@@ -160,11 +160,12 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
 def parameter_dict_from_yaml_file(
     parameter_file: str, use_wildcard: bool = False, target_nodes: list[str] | None = None, namespace: str = ""
 ) -> dict[str, Any]:
-    """Read the parameters of a file as rcl_interfaces/Parameter by name.
+    """Read a parameter file; return name -> rcl_interfaces/Parameter.
 
     Args:
+        parameter_file: path of the file.
         use_wildcard: include the section ``/**``; sections of nodes take precedence.
-        target_nodes: names of the sections to read. [default: all]
+        target_nodes: names of the nodes whose sections are read. [default: all]
         namespace: prefix of each name.
 
     Raises:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class AsyncParameterClient:
-    """Client of the parameter services of `remote_node_name`.
+    """Client of the parameter services of another node.
 
     Each method returns a future of the response; `callback` is called with the future when it is done.
     """
@@ -81,7 +81,7 @@ class AsyncParameterClient:
     def list_parameters(
         self, prefixes: list[str] | None = None, depth: int | None = None, callback: Callback | None = None
     ) -> Future[Any]:
-        """Request the names of parameters below prefixes and down to a depth; by default all."""
+        """Request the names of parameters below prefixes and down to a depth; by default of all parameters."""
         request = ListParameters.Request(prefixes=prefixes or [], depth=depth or 0)
         return self._rosidl_send(self._list_parameter_client, request, callback)
 
@@ -89,7 +89,7 @@ class AsyncParameterClient:
         return self._rosidl_send(self._get_parameter_client, GetParameters.Request(names=names), callback)
 
     def set_parameters(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
-        """Set parameters, each a Parameter or a message."""
+        """Request to set parameters, each a Parameter or a message, one after the other."""
         request = SetParameters.Request(parameters=_to_messages(parameters))
         return self._rosidl_send(self._set_parameter_client, request, callback)
 
@@ -97,29 +97,29 @@ class AsyncParameterClient:
         return self._rosidl_send(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
 
     def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Request types by name, as numbers of `Parameter.Type`."""
+        """Request the types of parameters, given by name, as numbers of `Parameter.Type`."""
         return self._rosidl_send(self._get_parameter_types_client, GetParameterTypes.Request(names=names), callback)
 
     def set_parameters_atomically(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
-        """Set all parameters or none, each a Parameter or a message."""
+        """Request to set all given parameters or none, each a Parameter or a message."""
         request = SetParametersAtomically.Request(parameters=_to_messages(parameters))
         return self._rosidl_send(self._set_parameters_atomically_client, request, callback)
 
     def delete_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Undeclare parameters of dynamic type."""
+        """Request to undeclare parameters, which must have a dynamic type."""
         return self.set_parameters([Parameter(name) for name in names], callback)
 
     def load_parameter_file(
         self, parameter_file: str, use_wildcard: bool = False, callback: Callback | None = None
     ) -> Future[Any]:
-        """Set the parameters of a file; see `rclpy.parameter.parameter_dict_from_yaml_file`."""
+        """Request to set the parameters of a file; see `rclpy.parameter.parameter_dict_from_yaml_file`."""
         parameters = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
         return self.set_parameters(list(parameters.values()), callback=callback)
 
     def load_parameter_file_atomically(
         self, parameter_file: str, use_wildcard: bool = False, callback: Callback | None = None
     ) -> Future[Any]:
-        """Set all parameters of a file, or none."""
+        """Request to set all parameters of a file, or none."""
         parameters = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
         return self.set_parameters_atomically(list(parameters.values()), callback=callback)
 
@@ -133,7 +133,7 @@ class AsyncParameterClient:
         qos_overriding_options: QoSOverridingOptions | None = None,
         raw: bool = False,
     ) -> Subscription:
-        """Subscribe to the rcl_interfaces/ParameterEvent messages of all nodes."""
+        """Call a function for each rcl_interfaces/ParameterEvent message of any node."""
         return self.node.create_subscription(
             ParameterEvent,
             "/parameter_events",

@@ -1,4 +1,4 @@
-"""Callbacks for parameter events of this node and of others."""
+"""Callbacks for the parameter events of all nodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 @dataclass(eq=False)
 class ParameterCallbackHandle:
-    """Callback for one parameter; see `ParameterEventHandler.remove_parameter_callback`."""
+    """Registration of a callback for one parameter, for `ParameterEventHandler.remove_parameter_callback`."""
 
     parameter_name: str
     node_name: str
@@ -33,17 +33,17 @@ class ParameterCallbackHandle:
 
 @dataclass(eq=False)
 class ParameterEventCallbackHandle:
-    """Callback for all events; see `ParameterEventHandler.remove_parameter_event_callback`."""
+    """Registration of a callback for all events, for `ParameterEventHandler.remove_parameter_event_callback`."""
 
     callback: Callable[[Any], Any]
     mutex: AbstractContextManager[Any] = field(init=False, default_factory=threading.RLock)
 
 
 class ParameterEventHandler:
-    """Subscription to /parameter_events that calls functions, newest first, with parameters as messages."""
+    """Subscription to /parameter_events that calls registered functions, the newest first, with messages."""
 
     class Callbacks:
-        """Registered callbacks; they may add and remove callbacks."""
+        """Registered callbacks of a `ParameterEventHandler`; they may add and remove callbacks."""
 
         def __init__(self) -> None:
             self.parameter_callbacks: dict[tuple[str, str], list[ParameterCallbackHandle]] = {}
@@ -51,7 +51,7 @@ class ParameterEventHandler:
             self.mutex = threading.RLock()
 
         def event_callback(self, event: Any) -> None:
-            """Call the callbacks for an rcl_interfaces/ParameterEvent."""
+            """Call the callbacks that are registered for an rcl_interfaces/ParameterEvent or its parameters."""
             with self.mutex:
                 parameter_handles = [(key, tuple(handles)) for key, handles in self.parameter_callbacks.items()]
                 event_handles = tuple(self.event_callbacks)
@@ -122,35 +122,38 @@ class ParameterEventHandler:
 
     @staticmethod
     def get_parameter_from_event(event: Any, parameter_name: str, node_name: str) -> Any:
-        """Return the new or changed rcl_interfaces/Parameter of a name, or None; `node_name` is fully qualified."""
+        """Return the new or changed rcl_interfaces/Parameter of a name in an event of a node; None if there is none.
+
+        The argument `node_name` must be fully qualified.
+        """
         parameters = ParameterEventHandler.get_parameters_from_event(event) if event.node == node_name else ()
         return next((parameter for parameter in parameters if parameter.name == parameter_name), None)
 
     @staticmethod
     def get_parameters_from_event(event: Any) -> Iterable[Any]:
-        """Yield the new and the changed parameters."""
+        """Yield the new and the changed parameters of an event."""
         yield from chain(event.new_parameters, event.changed_parameters)
 
     def add_parameter_callback(
         self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
     ) -> ParameterCallbackHandle:
-        """Call a function with a parameter when it is new or changed; an empty node name means this node."""
+        """Call a function with a new or changed rcl_interfaces/Parameter; the node name "" means this node."""
         return self._callbacks.add_parameter_callback(parameter_name, self._resolve_path(node_name), callback)
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-        """Remove a callback; raise RuntimeError if it is not registered."""
+        """Remove a callback of `add_parameter_callback`; raise RuntimeError if it is not registered."""
         self._callbacks.remove_parameter_callback(handle)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
-        """Call a function with the events of all nodes."""
+        """Call a function with each rcl_interfaces/ParameterEvent of any node."""
         return self._callbacks.add_parameter_event_callback(callback)
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-        """Remove a callback; raise RuntimeError if it is not registered."""
+        """Remove a callback of `add_parameter_event_callback`; raise RuntimeError if it is not registered."""
         self._callbacks.remove_parameter_event_callback(handle)
 
     def configure_nodes_filter(self, node_names: list[str] | None = None) -> bool:
-        """Receive only the events of these nodes, given by their full names; without names, the events of all nodes."""
+        """Receive only the events of the given nodes (full names); without names, the events of all nodes."""
         names = [] if node_names is None else node_names
         quoted = [f"'{name}'" for name in names]
         self.parameter_event_subscription.set_content_filter(

@@ -28,7 +28,7 @@ _T = TypeVar("_T")
 
 
 class ParameterService:
-    """Parameter services of a node. If one requested name is unknown, the response is empty."""
+    """Parameter services of a node. If one requested name is unknown, the whole response is empty."""
 
     def __init__(self, node: BaseNode) -> None:
         self._node_weak_ref = weakref.ref(node)

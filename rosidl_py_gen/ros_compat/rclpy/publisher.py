@@ -26,8 +26,8 @@ class BasePublisher(Subscriptable, TopicEntity[runtime.Publisher[Any]]):
 
     Attributes:
         msg_type: class of the messages.
-        topic: name as it was passed.
-        event_handlers: waitables for its events.
+        topic: name of the topic as the program passed it.
+        event_handlers: waitables for events of the publisher.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class BasePublisher(Subscriptable, TopicEntity[runtime.Publisher[Any]]):
         super().__init__(publisher_impl, msg_type, topic, qos_profile, [], on_destroy)
 
     def publish(self, msg: Any) -> None:
-        """Publish a message, or the bytes of a serialized one. Thread: any.
+        """Publish a message, or the bytes of a serialized message. Thread: any.
 
         Raises:
             TypeError: the message is of another class.
@@ -68,7 +68,7 @@ class BasePublisher(Subscriptable, TopicEntity[runtime.Publisher[Any]]):
             return publisher.subscription_count
 
     def assert_liveliness(self) -> None:
-        """Announce that the publisher is alive, for manual liveliness."""
+        """Announce that the publisher is alive; necessary with manual liveliness while it publishes nothing."""
         with self.handle.in_use() as publisher:
             publisher.assert_liveliness()
 
@@ -89,7 +89,7 @@ class Publisher(BasePublisher):
         self.event_handlers = event_callbacks
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008  as in rclpy
-        """Wait until all reliable subscriptions have acknowledged all messages; return False after `timeout`.
+        """Wait until all reliable subscriptions have acknowledged all messages; return False if `timeout` is over.
 
         A negative timeout is unlimited.
         """

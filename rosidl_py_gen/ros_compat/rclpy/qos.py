@@ -18,38 +18,38 @@ _P = TypeVar("_P", bound=IntEnum)
 
 
 def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
-    """Return the name of a policy's number; raise ValueError for an unknown number."""
+    """Return the name of the QoS policy with a number; raise ValueError for an unknown number."""
     return QoSPolicyKind(policy_kind).name
 
 
 class InvalidQoSProfileException(Exception):
-    """Raised for a profile without a history or a depth."""
+    """Raised for a QoS profile without a history or a depth."""
 
     def __init__(self, *args: object) -> None:
         super().__init__("Invalid QoSProfile", *args)
 
 
 class QoSPolicyEnum(IntEnum):
-    """Base class of policies, with the lower-case names of command lines."""
+    """Base class of QoS policies, whose values also have short lower-case names, as on command lines."""
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """Return all names in lower case."""
+        """Return the short names of all values of the policy."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
     def get_from_short_key(cls, name: str) -> int:
-        """Return the number of a name in any case; raise KeyError for an unknown one."""
+        """Return the number of the value with a name in upper or lower case; raise KeyError for an unknown name."""
         return int(cls[name.upper()].value)
 
     @property
     def short_key(self) -> str:
-        """Name in lower case."""
+        """Short name of the value, in lower case."""
         return self.name.lower()
 
 
 class _OldName:
-    """Deprecated name of a policy's value, which warns when it is read."""
+    """Descriptor for a deprecated name of a policy's value; reading the name warns."""
 
     def __init__(self, old: str, new: str) -> None:
         self._old, self._new = old, new
@@ -71,7 +71,7 @@ def _with_old_names(prefix: str, *names: str, **others: str) -> Callable[[type[_
 
 @_with_old_names("RMW_QOS_POLICY_HISTORY_", "SYSTEM_DEFAULT", "KEEP_LAST", "KEEP_ALL", "UNKNOWN")
 class HistoryPolicy(QoSPolicyEnum):
-    """Number of messages that are stored, with the numbers of rmw."""
+    """QoS policy: store the last messages (KEEP_LAST) or all of them; with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -81,7 +81,7 @@ class HistoryPolicy(QoSPolicyEnum):
 
 @_with_old_names("RMW_QOS_POLICY_RELIABILITY_", "SYSTEM_DEFAULT", "RELIABLE", "BEST_EFFORT", "UNKNOWN")
 class ReliabilityPolicy(QoSPolicyEnum):
-    """Retransmission of lost messages, with the numbers of rmw."""
+    """QoS policy: send lost messages again or not; with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -92,7 +92,7 @@ class ReliabilityPolicy(QoSPolicyEnum):
 
 @_with_old_names("RMW_QOS_POLICY_DURABILITY_", "SYSTEM_DEFAULT", "TRANSIENT_LOCAL", "VOLATILE", "UNKNOWN")
 class DurabilityPolicy(QoSPolicyEnum):
-    """Delivery of earlier messages to late subscriptions, with the numbers of rmw."""
+    """QoS policy: send earlier messages to late subscriptions or not; with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -109,7 +109,7 @@ class DurabilityPolicy(QoSPolicyEnum):
     RMW_QOS_POLICY_DURABILITY_UNKNOWN="UNKNOWN",  # as in rclpy, by mistake
 )
 class LivelinessPolicy(QoSPolicyEnum):
-    """Assertion that a publisher is alive, with the numbers of rmw."""
+    """QoS policy: how a publisher proves that it is alive; with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -125,7 +125,7 @@ QoSLivelinessPolicy = LivelinessPolicy
 
 
 class _RuntimeProfile(runtime.QoSProfile):
-    """Profile of the runtime that converts back to the arguments of `QoSProfile`."""
+    """QoS profile of the runtime that can be converted back to the arguments of `QoSProfile`."""
 
     __slots__ = ()
 
@@ -145,7 +145,7 @@ _DEFAULTS: dict[str, Any] = {
     "liveliness_lease_duration": Duration(),
     "avoid_ros_namespace_conventions": False,
 }
-"""Field of a profile -> default of rmw; `history` stands before `depth`, whose setter reads it."""
+"""Field of a QoS profile -> default of rmw; `history` precedes `depth`, whose setter reads it."""
 
 
 class QoSProfile:
@@ -181,7 +181,7 @@ class QoSProfile:
 
     @property
     def depth(self) -> int:
-        """Number of messages that KEEP_LAST stores; 0 is the middleware's default, with a warning."""
+        """Number of messages that history KEEP_LAST stores; setting 0 warns, and means the middleware's default."""
         return self._depth
 
     @depth.setter
@@ -197,10 +197,10 @@ class QoSProfile:
         self._depth = value
 
     def get_c_qos_profile(self) -> _RuntimeProfile:
-        """Return the profile of rosidl_py_gen, which takes the place of the C structure.
+        """Return the QoS profile of rosidl_py_gen, which replaces the C structure of rclpy.
 
         Raises:
-            rosidl_py_gen.runtime.InvalidQoSError: a number is out of range; it is a ValueError.
+            rosidl_py_gen.runtime.InvalidQoSError: a number is out of range; a ValueError.
         """
         return _RuntimeProfile(
             history=runtime.History(self.history),
@@ -216,7 +216,7 @@ class QoSProfile:
 
     @classmethod
     def _rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
-        """Convert a profile of the runtime, without a warning for depth 0."""
+        """Convert a QoS profile of the runtime, without a warning for depth 0."""
         converted = cls(
             depth=1,
             history=profile.history,
@@ -260,7 +260,7 @@ qos_profile_rosout_default = QoSProfile._rosidl_from_runtime(presets.ROSOUT)
 
 
 class QoSPresetProfiles(Enum):
-    """Profiles that ROS names."""
+    """QoS profiles with a name in ROS, such as SENSOR_DATA."""
 
     UNKNOWN = qos_profile_unknown
     DEFAULT = qos_profile_default
@@ -275,16 +275,19 @@ class QoSPresetProfiles(Enum):
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """Return all names in lower case."""
+        """Return the names of all preset profiles in lower case."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
     def get_from_short_key(cls, name: str) -> QoSProfile:
-        """Return the profile of a name in any case; raise KeyError for an unknown one."""
+        """Return the profile with a name in upper or lower case; raise KeyError for an unknown name."""
         return cls[name.upper()].value
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
-    """Return whether two profiles are compatible, and the reason; WARNING if the middleware decides."""
+    """Return the compatibility of a publisher's and a subscription's profile, and the reason.
+
+    The compatibility is WARNING if the middleware decides later.
+    """
     result = runtime.check_compatible(publisher_qos.get_c_qos_profile(), subscription_qos.get_c_qos_profile())
     return QoSCompatibility[result.compatibility.name], result.reason

@@ -1,4 +1,4 @@
-"""Deprecated name of `rclpy.event_handler`."""
+"""Module with the deprecated name of `rclpy.event_handler`."""
 
 import warnings
 from enum import IntEnum

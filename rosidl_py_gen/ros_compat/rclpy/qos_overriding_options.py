@@ -32,21 +32,23 @@ if TYPE_CHECKING:
 
 QosCallbackResult = SetParametersResult
 QosCallbackType = Callable[[QoSProfile], Any]
-"""Function that returns such a result."""
+"""Type of a function that takes a QoS profile and returns a result with `successful` and `reason`."""
 QoSProfileAttributes = HistoryPolicy | int | ReliabilityPolicy | DurabilityPolicy | LivelinessPolicy | Duration | bool
-"""Value of a policy."""
+"""Type of the values of QoS policies."""
 
 
 class InvalidQosOverridesError(Exception):
-    """Raised when the callback refuses the overridden profile."""
+    """Raised when the program's callback refuses a QoS profile that parameters have changed."""
 
 
 @dataclass(frozen=True, eq=False)
 class QoSOverridingOptions:
-    """Policies with a parameter ``qos_overrides.<topic>.<publisher or subscription>[_<entity_id>].<policy>``.
+    """Selection of QoS policies that parameters of a node can override for an endpoint.
+
+    The parameters are named ``qos_overrides.<topic>.<publisher or subscription>[_<entity_id>].<policy>``.
 
     Attributes:
-        policy_kinds: the policies.
+        policy_kinds: the policies with a parameter.
         callback: function that accepts or refuses the overridden profile.
         entity_id: suffix that distinguishes endpoints of one topic.
     """
@@ -59,7 +61,7 @@ class QoSOverridingOptions:
     def with_default_policies(
         cls, *, callback: QosCallbackType | None = None, entity_id: str | None = None
     ) -> QoSOverridingOptions:
-        """Return options for history, depth and reliability."""
+        """Return options with which parameters can override history, depth and reliability."""
         kinds = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
         return cls(kinds, callback=callback, entity_id=entity_id)
 
@@ -71,7 +73,7 @@ def _declare_qos_parameters(
     qos: QoSProfile,
     options: QoSOverridingOptions,
 ) -> None:
-    """Declare the parameters of a new endpoint, and change `qos` to their values.
+    """Declare the QoS parameters of a new endpoint, and change its profile `qos` to their values.
 
     Raises:
         InvalidQosOverridesError: the callback refuses the profile.

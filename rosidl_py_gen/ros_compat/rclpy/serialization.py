@@ -1,4 +1,4 @@
-"""Messages as serialized bytes."""
+"""Conversion of messages to serialized bytes and back."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from rosidl_py_gen import DecodeError, EncodeError, decode, encode
 
 
 def serialize_message(message: Any) -> bytes:
-    """Return a message in CDR with its header.
+    """Return a message as CDR bytes with their 4-byte header.
 
     Raises:
         AttributeError: the object is not a message.
@@ -22,7 +22,7 @@ def serialize_message(message: Any) -> bytes:
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
-    """Return the message of serialized bytes; raise RMWError for invalid bytes."""
+    """Return the message in serialized bytes; raise RMWError for invalid bytes."""
     check_for_type_support(message_type)
     if not isinstance(serialized_message, bytes):
         raise TypeError(f"serialized_message must be bytes, got {type(serialized_message).__name__}")

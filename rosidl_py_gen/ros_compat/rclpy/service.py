@@ -30,7 +30,7 @@ class BaseService(Subscriptable, ServiceEntity[runtime.ServiceServer[Any, Any]])
 
     Attributes:
         srv_type: class of the service.
-        srv_name: name as it was passed.
+        srv_name: name of the service as the program passed it.
         callback: function, plain or async, that takes the request and an empty response, and returns the response.
     """
 
@@ -48,7 +48,7 @@ class BaseService(Subscriptable, ServiceEntity[runtime.ServiceServer[Any, Any]])
         self.callback = callback
 
     def send_response(self, response: Any, header: runtime.ServiceRequest[Any, Any]) -> None:
-        """Send the response of a request; raise TypeError for another class, also for None."""
+        """Send the response to a request; raise TypeError if it is of another class, or None."""
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
         if not isinstance(header, runtime.ServiceRequest):

@@ -1,10 +1,10 @@
-"""States of service introspection."""
+"""States of service introspection: off, metadata, contents."""
 
 from rclpy._rclpy_pybind11 import EnumOfC
 
 
 class ServiceIntrospectionState(EnumOfC):
-    """Content of service events: none, metadata, or the requests and responses as well."""
+    """Contents of the introspection events of a service: none, metadata, or also the requests and responses."""
 
     OFF = 0
     METADATA = 1

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class SignalHandlerOptions(ScopedEnumOfC):
-    """Signals that shut contexts down."""
+    """Selection of the signals (SIGINT, SIGTERM) that shut contexts down."""
 
     NO = 0
     SIGINT = 1
@@ -46,7 +46,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
-    """Make these signals, and no others, shut contexts down."""
+    """Install handlers that make the selected signals, and no others, shut contexts down."""
     options = SignalHandlerOptions(options)
     if threading.current_thread() is not threading.main_thread():
         return
@@ -71,19 +71,19 @@ def _uninstall_handler(number: int) -> None:
 
 
 def get_current_signal_handlers_options() -> SignalHandlerOptions:
-    """Return the signals that shut contexts down now."""
+    """Return the signals that shut contexts down at present."""
     return SignalHandlerOptions(
         sum(option.value for option, number in _SIGNALS.items() if number in _previous_handlers)
     )
 
 
 def uninstall_signal_handlers() -> None:
-    """Restore the previous handlers."""
+    """Restore the signal handlers from before `install_signal_handlers`."""
     install_signal_handlers(SignalHandlerOptions.NO)
 
 
 class SignalHandlerGuardCondition(GuardCondition):
-    """Guard condition that SIGINT triggers while its handler is installed."""
+    """Guard condition that SIGINT triggers while rclpy's handler is installed."""
 
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(callback=None, callback_group=None, context=context)

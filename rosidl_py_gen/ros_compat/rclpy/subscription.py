@@ -31,7 +31,7 @@ _take_message_with_info = methodcaller("take_with_info")
 
 
 class PublisherGID(TypedDict):
-    """Bytes that identify a publisher, and the middleware whose bytes they are."""
+    """Bytes that identify a publisher, with the identifier of the middleware that defines them."""
 
     implementation_identifier: str
     data: bytes
@@ -45,9 +45,9 @@ class _MessageInfoOfJazzy(TypedDict):
 
 
 class MessageInfo(_MessageInfoOfJazzy, total=False):
-    """Second argument of a callback: times in nanoseconds and sequence numbers, None where they are unknown.
+    """Second argument of a subscription's callback: times in nanoseconds and sequence numbers, None if unknown.
 
-    `publisher_gid` is there from Lyrical on: with ``ROS_DISTRO=lyrical``, and for nodes of `rclpy.experimental`.
+    The field `publisher_gid` exists with ``ROS_DISTRO=lyrical``, and for nodes of `rclpy.experimental`.
     """
 
     publisher_gid: PublisherGID | None
@@ -60,19 +60,19 @@ SubscriptionCallbackUnion = GenericSubscriptionCallbackUnion[T] | GenericSubscri
 
 
 class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
-    """Subscription of a topic; base class of `Subscription` and `rclpy.experimental.AsyncSubscription`.
+    """Subscription to a topic; base class of `Subscription` and `rclpy.experimental.AsyncSubscription`.
 
     Attributes:
         msg_type: class of the messages.
-        topic: name as it was passed.
+        topic: name of the topic as the program passed it.
         raw: True if messages stay bytes.
-        event_handlers: waitables for its events.
+        event_handlers: waitables for events of the subscription.
     """
 
     _rosidl_tells_gid = True
 
     class CallbackType(Enum):
-        """Arguments of the callback."""
+        """Kind of a subscription's callback, by the arguments that it takes."""
 
         MessageOnly = 0
         WithMessageInfo = 1
@@ -121,7 +121,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
 
     @property
     def is_cft_supported(self) -> bool:
-        """True: content filters work on every middleware, because the subscription evaluates them."""
+        """True, because the subscription itself evaluates content filters, on every middleware."""
         with self.handle:
             return True
 
@@ -132,10 +132,10 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
             return self._rosidl_filtered is not None and self._rosidl_filtered.filter is not None
 
     def set_content_filter(self, filter_expression: str, expression_parameters: list[str]) -> None:
-        """Call back only for messages that fulfil an expression, such as ``x > %0 AND name = %1``.
+        """Call the callback only for messages that fulfil an expression, such as ``x > %0 AND name = %1``.
 
         Args:
-            filter_expression: condition in the SQL subset of DDS; an empty one removes the filter.
+            filter_expression: condition in the SQL subset of DDS; an empty text removes the filter.
             expression_parameters: values of ``%0``, ``%1``, …: ``"5"``, ``"TRUE"``, ``"'text'"``.
 
         Raises:
@@ -158,7 +158,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
                 self._rosidl_filtered.filter = new_filter
 
     def get_content_filter(self) -> ContentFilterOptions:
-        """Return the content filter; raise RCLError if there is none."""
+        """Return the content filter of the subscription; raise RCLError if there is none."""
         with self.handle:
             content_filter = None if self._rosidl_filtered is None else self._rosidl_filtered.filter
             if content_filter is None:
@@ -170,7 +170,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
         return filtered is not None and self._rosidl_handle.is_ready() and filtered.has_messages()
 
     def _rosidl_take_arguments(self) -> tuple[Any, ...] | None:
-        """Return the arguments of the callback for the next message."""
+        """Take the next message, and return the arguments of the callback for it; None if there is no message."""
         if self._rosidl_filtered is not None:
             filtered = self._rosidl_filtered
             item = self._rosidl_handle.take_from(lambda _: filtered.take())

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class ContentFilterOptions(NamedTuple):
-    """Content filter of a subscription, as `Subscription.set_content_filter` takes it."""
+    """Expression and parameters of a subscription's content filter; see `Subscription.set_content_filter`."""
 
     filter_expression: str
     expression_parameters: list[str]

@@ -1,4 +1,4 @@
-"""Futures and tasks of executors, which are rclpy's, not asyncio's."""
+"""Futures and tasks that executors run; they are rclpy's, not asyncio's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _last_awaited = threading.local()
-"""Its `future` is the one that a coroutine of this thread awaited last."""
+"""Storage of each thread; its `future` is the future that a coroutine of the thread awaited last."""
 
 
 class FutureState(Enum):
@@ -30,7 +30,7 @@ class FutureState(Enum):
 class Future(Generic[T]):
     """Result that is set later. Thread: any.
 
-    Unlike in asyncio, `result` never waits and returns None while there is none, and `cancel` does not make the future
+    Unlike in asyncio, `result` never waits, and returns None until the result is set; and a cancelled future is not
     `done`. An exception that was never retrieved is printed to stderr when the future is deleted.
     """
 
@@ -41,7 +41,7 @@ class Future(Generic[T]):
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future[T]], object]] = []
         self._rosidl_wakers: list[Callable[[], object]] = []
-        """Called when the future ends, by the thread that ends it: executors that wait for it."""
+        """Functions that wake up waiting executors; called when the future ends, by the thread that ends it."""
         self._lock = threading.Lock()
         self._executor: Callable[[], Executor | None] = _no_executor if executor is None else weakref.ref(executor)
 
@@ -50,7 +50,10 @@ class Future(Generic[T]):
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)
 
     def __await__(self) -> Generator[None, None, T | None]:
-        """Yield None, which asyncio accepts as well: its loop resumes the coroutine in each iteration."""
+        """Yield None until the future ends, and return its result.
+
+        asyncio accepts None, too: its loop resumes the coroutine in each iteration.
+        """
         while self._pending():
             _last_awaited.future = self
             yield
@@ -60,7 +63,7 @@ class Future(Generic[T]):
         return self._state is FutureState.PENDING
 
     def cancel(self) -> None:
-        """Cancel the future unless it has ended; then `cancelled` returns True, `done` does not."""
+        """Cancel the future unless it has ended; afterwards `cancelled` returns True, but `done` returns False."""
         with self._lock:
             if not self._pending():
                 return
@@ -71,18 +74,18 @@ class Future(Generic[T]):
         return self._state is FutureState.CANCELLED
 
     def done(self) -> bool:
-        """Return True if there is a result or an exception."""
+        """Return True if the future has a result or an exception; False if it was cancelled."""
         return self._state is FutureState.FINISHED
 
     def result(self) -> T | None:
-        """Return the result, None if there is none yet; raise the exception if one was set."""
+        """Return the result, None if it is not set yet; raise the exception if one was set."""
         error = self.exception()
         if error is not None:
             raise error
         return self._result
 
     def exception(self) -> BaseException | None:
-        """Return the exception, None if there is none."""
+        """Return the exception that was set, None if there is none."""
         self._exception_fetched = True
         return self._exception
 
@@ -102,7 +105,7 @@ class Future(Generic[T]):
         self._rosidl_run_callbacks()
 
     def _rosidl_run_callbacks(self) -> None:
-        """Schedule the callbacks in the executor of the future, or call them if it has none."""
+        """Schedule the done callbacks in the executor of the future, or call them if it has no executor."""
         with self._lock:
             executor = self._executor()
             callbacks, self._callbacks = self._callbacks, []
@@ -123,15 +126,17 @@ class Future(Generic[T]):
             self._executor = _no_executor if executor is None else weakref.ref(executor)
 
     def _rosidl_wake_at_end(self, wake: Callable[[], object]) -> None:
-        """Call a function when the future ends, once, even if it is added twice."""
+        """Call a function when the future ends, only once even if the function is added twice."""
         with self._lock:
             if self._pending() and wake not in self._rosidl_wakers:
                 self._rosidl_wakers.append(wake)
 
     def add_done_callback(self, callback: Callable[[Future[T]], object]) -> None:
-        """Call ``callback(future)`` at the end, as a task of the future's executor or in the thread that ends it.
+        """Call ``callback(future)`` when the future ends.
 
-        If the future has ended, the call happens now, and exceptions of the callback are raised here.
+        The callback runs as a task of the future's executor, or without executor in the thread that ends the future. If
+        the future has ended already, the callback is scheduled or called now; in the latter case its exceptions are
+        raised here.
         """
         with self._lock:
             if self._pending():
@@ -144,7 +149,7 @@ class Future(Generic[T]):
             callback(self)
 
     def remove_done_callback(self, callback: Callable[[Future[T]], object]) -> bool:
-        """Remove a callback; return False if it is not registered."""
+        """Remove a callback of `add_done_callback`; return False if it is not registered."""
         with self._lock:
             if callback not in self._callbacks:
                 return False
@@ -155,7 +160,7 @@ class Future(Generic[T]):
 class Task(Future[T]):
     """Function or coroutine that an executor runs; created by `Executor.create_task`.
 
-    A call runs the function, or resumes the coroutine up to its next unfinished ``await``.
+    Calling the task runs the function, or resumes the coroutine up to its next unfinished ``await``.
     """
 
     def __init__(
@@ -179,7 +184,7 @@ class Task(Future[T]):
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:
-        """Run or resume the task; do nothing if another thread runs it or it has ended."""
+        """Run or resume the task; do nothing if another thread runs the task, or if it has ended."""
         if not self._pending() or self._executing or not self._task_lock.acquire(blocking=False):
             return
         try:
@@ -217,7 +222,7 @@ class Task(Future[T]):
         self._handler, self._args, self._kwargs = None, (), {}
 
     def _rosidl_store_awaited_future(self, awaited: Future[Any] | None) -> None:
-        """Store the awaited future; awaitables of other libraries are resumed at each pass."""
+        """Store the future that the coroutine awaits; without one the coroutine is resumed at each pass."""
         executor = self._executor()
         if awaited is not None and executor is not None:
             self._rosidl_awaited_future = awaited
@@ -239,4 +244,4 @@ class Task(Future[T]):
 
 
 def _no_executor() -> None:
-    """Take the place of a dead weak reference."""
+    """Return None, as a dead weak reference does."""

@@ -17,7 +17,7 @@ _TYPES_OF_C = {type_: ClockTypeOfC(type_) for type_ in ClockType}
 
 
 class TimeHandle(Protocol):
-    """Result of a clock."""
+    """Handle of a time that a clock returned."""
 
     @property
     def nanoseconds(self) -> int: ...
@@ -55,7 +55,7 @@ class Time(_Ordered):
         return self._rosidl_nanoseconds
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Return the whole seconds and the remaining nanoseconds."""
+        """Return the whole seconds of the time and the remaining nanoseconds."""
         return divmod(self.nanoseconds, S_TO_NS)
 
     def to_datetime(self) -> datetime:
@@ -66,7 +66,7 @@ class Time(_Ordered):
 
     @property
     def clock_type(self) -> ClockTypeOfC:
-        """Type of the clock; it equals a member of `ClockType`."""
+        """Type of the clock that the time belongs to; equals a member of `ClockType`."""
         return self._rosidl_clock_type
 
     def __repr__(self) -> str:

@@ -24,7 +24,7 @@ USE_SIM_TIME_NAME = "use_sim_time"
 
 
 class TimeSource:
-    """Subscription to /clock that sets clocks."""
+    """Subscription to /clock that sets the time of clocks, while the parameter ``use_sim_time`` of a node is true."""
 
     def __init__(self, *, node: BaseNode | None = None) -> None:
         self._clock_sub: BaseSubscription | None = None
@@ -61,7 +61,11 @@ class TimeSource:
             self._clock_sub = node.create_subscription(rosgraph_msgs.msg.Clock, CLOCK_TOPIC, self.clock_callback, qos)
 
     def attach_node(self, node: BaseNode) -> None:
-        """Follow the parameter of a node, and declare it if necessary; raise TypeError unless `node` is a Node."""
+        """Follow the parameter ``use_sim_time`` of a node, and declare it if necessary.
+
+        Raises:
+            TypeError: `node` is not a Node.
+        """
         if not isinstance(node, NodeParameters):  # which only nodes are
             raise TypeError("Node must be of type rclpy.node.Node")
         if self._node_weak_ref is not None:
@@ -80,7 +84,11 @@ class TimeSource:
         node.add_on_set_parameters_callback(self._on_parameter_event)
 
     def detach_node(self) -> None:
-        """Follow no node; clocks keep their time. Raises RuntimeError if the node of the subscription is deleted."""
+        """Stop following the parameter of a node; clocks keep their time.
+
+        Raises:
+            RuntimeError: the node of the subscription to /clock was deleted.
+        """
         if self._clock_sub is not None:
             node = self._get_node()
             if node is None:
@@ -90,7 +98,7 @@ class TimeSource:
         self._node_weak_ref = None
 
     def attach_clock(self, clock: BaseClock) -> None:
-        """Set this clock as well; raise ValueError unless its type is ROS_TIME."""
+        """Set the time of a further clock from now on; raise ValueError unless its clock type is ROS_TIME."""
         if not isinstance(clock, BaseClock) or clock.clock_type != ClockType.ROS_TIME:
             raise ValueError("Only clocks with type ROS_TIME can be attached.")
         clock.set_ros_time_override(self._last_time_set)
@@ -98,7 +106,7 @@ class TimeSource:
         self._associated_clocks.add(clock)
 
     def clock_callback(self, msg: Any) -> None:
-        """Set the clocks to the time of a rosgraph_msgs/Clock."""
+        """Set the time of all attached clocks to the time in a rosgraph_msgs/Clock."""
         self._last_time_set = Time.from_msg(msg.clock)
         for clock in self._associated_clocks:
             clock.set_ros_time_override(self._last_time_set)

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 
 class TimerInfo:
-    """Times of a call of a timer: `expected_call_time` and `actual_call_time`.
+    """Times of one call of a timer: `expected_call_time` and `actual_call_time`.
 
-    A timer passes it to the parameter of its callback that is annotated with this class. Times are nanoseconds of the
-    timer's clock.
+    A timer passes the object to the parameter of its callback that is annotated with this class. Times are nanoseconds
+    of the timer's clock.
 
     Raises:
         TypeError: `clock_type` is not a ClockType.
@@ -55,12 +55,12 @@ class TimerInfo:
 
     @property
     def expected_call_time(self) -> Time:
-        """Time when the call was due."""
+        """Time when the timer's call was due."""
         return self._rosidl_expected_call_time
 
     @property
     def actual_call_time(self) -> Time:
-        """Time of the call."""
+        """Time when the timer's call took place."""
         return self._rosidl_actual_call_time
 
 
@@ -70,7 +70,7 @@ TimerCallbackUnion = TimerCallbackType | AsyncTimerCallbackType
 
 
 class TimerHandle(Destroyable):
-    """Schedule of a timer, as in rcl: calls are whole periods apart, and missed ones are skipped."""
+    """Schedule of a timer, as in rcl: calls are whole periods apart, and missed calls are skipped."""
 
     def __init__(self, context: ContextHandle, clock: BaseClock, period_ns: int, autostart: bool) -> None:
         super().__init__()
@@ -111,7 +111,7 @@ class TimerHandle(Destroyable):
         self._context.notify()
 
     def call_timer(self) -> tuple[int, int]:
-        """Start the next period, and return when this call was due and when it takes place, in nanoseconds."""
+        """Start the next period; return when the current call was due and when it takes place, in nanoseconds."""
         now_ns = self._now_ns()
         with self._lock:
             expected_ns = self._next_ns
@@ -144,7 +144,7 @@ class TimerHandle(Destroyable):
         self._context.notify()
 
     def max_wait_s(self) -> float | None:
-        """Return the longest wait until the timer is due, None if only another event can make it due."""
+        """Return the seconds until the timer is due; None if only another event, such as a jump, can make it due."""
         if self.canceled or self._is_destruction_requested or (self._jump_handle is not None and self._is_simulated()):
             return None
         return max(0.0, (self._next_ns - self._now_ns()) / 1e9)
@@ -166,7 +166,7 @@ def _weak_callback(method: Callable[..., None]) -> Callable[..., None]:
 
 
 class BaseTimer:
-    """Timer; base class of `Timer` and `rclpy.experimental.AsyncTimer`. Times are nanoseconds of its clock."""
+    """Base class of `Timer` and `rclpy.experimental.AsyncTimer`. Times are nanoseconds of the timer's clock."""
 
     callback: Callable[..., Any] | None
 
@@ -208,7 +208,7 @@ class BaseTimer:
 
     @property
     def timer_period_ns(self) -> int:
-        """Time between two calls; a new value has effect from the next call on."""
+        """Time between two calls of the timer; a new value has effect from the next call on."""
         with self._rosidl_timer:
             return self._rosidl_timer.period_ns
 
@@ -221,7 +221,7 @@ class BaseTimer:
             timer.period_ns = period_ns
 
     def is_ready(self) -> bool:
-        """Return True if a call is due."""
+        """Return True if a call of the timer is due."""
         with self._rosidl_timer:
             return self._rosidl_timer.is_ready()
 
@@ -230,22 +230,22 @@ class BaseTimer:
             return self._rosidl_timer.canceled
 
     def cancel(self) -> None:
-        """Stop the calls until `reset`."""
+        """Stop the calls of the timer until `reset`."""
         with self._rosidl_timer:
             self._rosidl_timer.cancel_timer()
 
     def reset(self) -> None:
-        """Start a new period now; ends a cancellation."""
+        """Start a new period now, also if the timer was canceled."""
         with self._rosidl_timer:
             self._rosidl_timer.reset_timer()
 
     def time_since_last_call(self) -> int:
-        """Return the nanoseconds since the last call, or since the creation."""
+        """Return the nanoseconds since the last call, or since the creation of the timer."""
         with self._rosidl_timer:
             return self._rosidl_timer.time_since_last_call()
 
     def time_until_next_call(self) -> int | None:
-        """Return the nanoseconds until the next call, negative if it is overdue; None while canceled."""
+        """Return the nanoseconds until the next call, negative if it is overdue; None while the timer is canceled."""
         with self._rosidl_timer:
             return self._rosidl_timer.time_until_next_call()
 
@@ -300,7 +300,7 @@ class Timer(BaseTimer):
 
 
 def _name_of_info_parameter(callback: Callable[..., Any]) -> str | None:
-    """Return the name of the first parameter that is annotated with `TimerInfo`; None if there is none."""
+    """Return the name of a callback's first parameter that is annotated with `TimerInfo`; None if there is none."""
     try:
         parameters = inspect.signature(callback).parameters.values()
     except (TypeError, ValueError, NameError, AttributeError):  # functions of C, and names for type checkers only
@@ -330,12 +330,12 @@ class Rate:
         self.destroy()
 
     def destroy(self) -> None:
-        """Wake up all sleeping threads."""
+        """Wake up all threads that sleep with the rate."""
         self._is_destroyed = True
         self._event.set()
 
     def sleep(self) -> None:
-        """Wait for the next call of the timer.
+        """Block until the next period of the rate begins.
 
         Raises:
             ROSInterruptException: the context is shut down.

@@ -1,4 +1,4 @@
-"""Information about a publisher or subscription of a topic; its module in rclpy 10 is `rclpy.endpoint_info`."""
+"""Information about a publisher or subscription of a topic; rclpy 10 moved the classes to `rclpy.endpoint_info`."""
 
 from __future__ import annotations
 

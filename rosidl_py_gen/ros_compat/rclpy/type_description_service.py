@@ -1,4 +1,4 @@
-"""Parameter that enables the type description service; rosidl_py_gen serves it."""
+"""Parameter that enables a node's type description service; rosidl_py_gen itself serves it."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from rclpy.impl._fields import Checked
 
 
 class TypeHashDictionary(TypedDict):
-    """Arguments of `TypeHash`."""
+    """Dict with the arguments of `TypeHash`."""
 
     version: int
     value: bytes
@@ -17,7 +17,7 @@ class TypeHash:
 
     Attributes:
         version: 1 for RIHS01; -1 for no hash.
-        value: the hash, 32 bytes.
+        value: the 32 bytes of the hash.
 
     Raises:
         AssertionError: a value has the wrong type.

@@ -1,4 +1,4 @@
-"""Checks for classes of messages, services and actions."""
+"""Checks that an object is the class of a message, service or action."""
 
 from typing import Any, TypeVar
 
@@ -40,19 +40,29 @@ def check_for_type_support(msg_or_srv_type: Any) -> None:
 
 
 def check_is_valid_msg_type(msg_type: Any) -> None:
-    """Raise RuntimeError for a service or action; see `check_for_type_support`."""
+    """Raise an exception unless the object is the class of a message.
+
+    Raises:
+        RuntimeError: the object is the class of a service or action.
+        AttributeError: the object is something else.
+    """
     check_for_type_support(msg_type)
     if not hasattr(msg_type, "_encode"):
         raise RuntimeError(f"The message type provided is not valid ({msg_type}), this might be a service or action")
 
 
 def check_is_valid_srv_type(srv_type: Any) -> None:
-    """Raise RuntimeError for a message or action; see `check_for_type_support`."""
+    """Raise an exception unless the object is the class of a service.
+
+    Raises:
+        RuntimeError: the object is the class of a message or action.
+        AttributeError: the object is something else.
+    """
     check_for_type_support(srv_type)
     if not (hasattr(srv_type, "Request") and hasattr(srv_type, "Response")):
         raise RuntimeError(f"The service type provided is not valid ({srv_type}), this might be a message or action")
 
 
 def message_class(msg_type: Any) -> Any:
-    """Return the class of a message; rclpy accepts a message in the place of its class, which Kilted does not."""
+    """Return the class of a message, given by the class or, as rclpy accepts before Kilted, by a message object."""
     return msg_type if isinstance(msg_type, type) else type(msg_type)

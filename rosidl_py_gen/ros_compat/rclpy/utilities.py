@@ -1,4 +1,4 @@
-"""Functions that need no node, among them those for the default context."""
+"""Functions of rclpy that need no node, such as functions for the default context."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rclpy import InitContextManager
 
 _DEPRECATED_REMAPPING = re.compile(r"(\w+:)?[\w/~{}]+:=[\w/~{}]+")
-"""``from:=to`` without ``--ros-args``, which is deprecated."""
+"""Pattern of a deprecated remap rule: ``from:=to`` without ``--ros-args``."""
 _IDENTIFIERS = {"dds": "rmw_cyclonedds_cpp", "zenoh": "rmw_zenoh_cpp"}
 
 g_default_context: Context | None = None
@@ -25,7 +25,7 @@ g_context_lock = threading.Lock()
 
 
 def get_default_context(*, shutting_down: bool = False) -> Context:
-    """Return the context of the process; with `shutting_down` the next call creates another one."""
+    """Return the default context of the process; with `shutting_down`, the next call creates a new default context."""
     global g_default_context
     with g_context_lock:
         if g_default_context is None:
@@ -37,9 +37,9 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 
 
 def explicit_context(context: Context | InitContextManager | None) -> Context | None:
-    """Return the context of an argument; None for the default one.
+    """Return the context that an argument `context` selects; None for the default context.
 
-    The result of ``rclpy.init()`` counts as the default context, because it is None until Jazzy.
+    The result of ``rclpy.init()`` selects the default context, because it is None until Jazzy.
     """
     if context is None or isinstance(context, Context):
         return context
@@ -49,7 +49,7 @@ def explicit_context(context: Context | InitContextManager | None) -> Context | 
 
 
 def resolve_context(context: Context | InitContextManager | None) -> Context:
-    """Return the context of an argument, by default the default one."""
+    """Return the context that an argument `context` selects; for None the default context."""
     explicit = explicit_context(context)
     return get_default_context() if explicit is None else explicit
 
@@ -92,15 +92,17 @@ def try_shutdown(*, context: Context | None = None) -> None:
 
 
 def get_rmw_implementation_identifier() -> str:
-    """Return the rmw name of the middleware of new contexts."""
+    """Return the name of the rmw implementation that corresponds to the middleware of new contexts."""
     return _IDENTIFIERS[runtime.middleware(os.environ, lambda _: None)]
 
 
 def get_available_rmw_implementations() -> set[str]:
-    """Return the rmw names of Cyclone DDS and Zenoh, restricted to ``RMW_IMPLEMENTATIONS`` if that is set.
+    """Return the names of the rmw implementations for Cyclone DDS and Zenoh.
+
+    If ``RMW_IMPLEMENTATIONS`` is set, the result contains only the names in it.
 
     Raises:
-        RuntimeError: the variable names another one.
+        RuntimeError: the variable contains other names.
     """
     available = set(_IDENTIFIERS.values())
     requested = set(filter(None, os.environ.get("RMW_IMPLEMENTATIONS", "").split(os.pathsep)))
@@ -113,5 +115,5 @@ def get_available_rmw_implementations() -> set[str]:
 
 
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
-    """Return a timeout in nanoseconds; -1, which is unlimited, for None and negative numbers."""
+    """Return a timeout in nanoseconds; for None and negative numbers -1, which means unlimited."""
     return -1 if timeout_sec is None or timeout_sec < 0 else int(float(timeout_sec) * S_TO_NS)

@@ -9,7 +9,7 @@ TOPIC_SEPARATOR_STRING = "/"
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
-    """Return True for a valid name before expansion, which may have ``~`` and substitutions.
+    """Return True for a valid topic or service name before expansion, which may contain ``~`` and substitutions.
 
     Raises:
         InvalidTopicNameException, InvalidServiceNameException: the name is invalid.

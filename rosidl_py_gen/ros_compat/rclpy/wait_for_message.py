@@ -1,4 +1,4 @@
-"""Reception of one message without an executor."""
+"""Function that receives one message without an executor."""
 
 from typing import Any, Union
 

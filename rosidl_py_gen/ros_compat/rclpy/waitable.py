@@ -1,4 +1,4 @@
-"""Waitables: objects of a program that an executor waits for."""
+"""Waitables: objects of a program for which an executor waits, and which it executes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class NumberOfEntities:
-    """Number of entities of each kind that a waitable has."""
+    """Number of entities of each kind that a waitable adds to a wait set."""
 
     __slots__ = ["num_clients", "num_events", "num_guard_conditions", "num_services", "num_subscriptions", "num_timers"]
 
@@ -55,7 +55,7 @@ class NumberOfEntities:
 
 
 class WaitSet:
-    """Handles that a waitable adds, and whether each of them is ready."""
+    """Handles that waitables add, and the result of the check whether each of them is ready."""
 
     def __init__(self) -> None:
         self._handles: dict[str, list[Any]] = {}
@@ -67,7 +67,7 @@ class WaitSet:
         return len(handles) - 1
 
     add_subscription = partialmethod(_add, "subscription")
-    """Return the index for `is_ready`, as the methods below."""
+    """Add a handle, and return its index for `is_ready`; the methods below do the same for other kinds."""
     add_guard_condition = partialmethod(_add, "guard_condition")
     add_timer = partialmethod(_add, "timer")
     add_client = partialmethod(_add, "client")
@@ -75,7 +75,7 @@ class WaitSet:
     add_event = partialmethod(_add, "event")
 
     def is_ready(self, entity_type: str, index: int) -> bool:
-        """Return True if the entity of a kind (``"subscription"``, ``"guard_condition"``, ...) and index is ready."""
+        """Return True if the handle with an index, of a kind such as ``"subscription"``, is ready."""
         key = entity_type, index
         if key not in self._ready:
             handle = self._handles[entity_type][index]
@@ -85,7 +85,7 @@ class WaitSet:
         return self._ready[key]
 
     def get_ready_entities(self, entity_type: str) -> list[int]:
-        """Return the `pointer` of each ready handle of a kind."""
+        """Return the number `pointer` of each ready handle of a kind."""
         handles = self._handles.get(entity_type, [])
         return [handle.pointer for index, handle in enumerate(handles) if self.is_ready(entity_type, index)]
 
@@ -94,7 +94,7 @@ class Waitable(Subscriptable):
     """Base class of objects that an executor waits for and executes."""
 
     _rosidl_queue: Collection[Any] | None = None
-    """Queue without which `is_ready` is not called: while it is empty, the waitable is never ready."""
+    """Queue for arrivals: while it is empty, the waitable is not ready, and `is_ready` is not called; or None."""
 
     _rosidl_take_method = "_take_waitable"
 
@@ -105,10 +105,10 @@ class Waitable(Subscriptable):
         self._futures: list[Future[Any]] = []
 
     def __enter__(self) -> None:
-        """Keep the entities from being destroyed during a wait."""
+        """Prevent the entities of the waitable from being destroyed during a wait."""
 
     def __exit__(self, t: object, v: object, tb: object) -> None:
-        """Allow the entities to be destroyed."""
+        """Allow the entities of the waitable to be destroyed again."""
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any]:
         data = self.take_data()
@@ -121,7 +121,7 @@ class Waitable(Subscriptable):
         return execute
 
     def add_future(self, future: Future[Any]) -> None:
-        """Make the executor call the callbacks of a future."""
+        """Make the executor of the waitable call the done callbacks of a future."""
         self._futures.append(future)
 
     def remove_future(self, future: Future[Any]) -> None:
@@ -132,11 +132,11 @@ class Waitable(Subscriptable):
         raise NotImplementedError("Must be implemented by subclass")
 
     def take_data(self) -> Any:
-        """Take the data, so that the waitable is no longer ready."""
+        """Return the data to process, so that the waitable is no longer ready."""
         raise NotImplementedError("Must be implemented by subclass")
 
     async def execute(self, taken_data: Any) -> None:
-        """Process the data that was taken."""
+        """Process the data that `take_data` returned."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def get_num_entities(self) -> NumberOfEntities:
@@ -144,5 +144,5 @@ class Waitable(Subscriptable):
         raise NotImplementedError("Must be implemented by subclass")
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Add the handles of its entities to a wait set."""
+        """Add the handles of the waitable's entities to a wait set."""
         raise NotImplementedError("Must be implemented by subclass")

@@ -1,1 +1,1 @@
-"""Parser of .msg, .srv and .action files, in `rosidl_adapter.parser`; the conversion to .idl files is not included."""
+"""Package with the parser of .msg, .srv and .action files, `rosidl_adapter.parser`, but no conversion to .idl files."""

@@ -1,7 +1,7 @@
 """Parser of .msg, .srv and .action files: types, fields and constants as objects.
 
-Values are read as written in the file. The values in generated classes have gone through IDL after that, which changes
-some escapes (docs/internals/protocol.md 1.4).
+Values are read as they are written in the file. The values in generated classes have also passed through IDL, which
+changes some escapes (docs/internals/protocol.md 1.4).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PRIMITIVE_TYPES = [
     *("bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"),
     *("uint64", "string", "wstring", "duration", "time"),
 ]  # fmt: skip
-"""Primitive types; `duration` and `time` come from ROS 1 and have no values."""
+"""Names of primitive types; `duration` and `time` are types of ROS 1, and have no values."""
 
 # For programs that show them. Names are checked without them, because the last one backtracks exponentially.
 VALID_PACKAGE_NAME_PATTERN = re.compile("^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$")
@@ -50,38 +50,38 @@ _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 
 
 class Annotations(TypedDict, total=False):
-    """Comment lines of an element, and the unit that they name in brackets."""
+    """Comment lines of a field, constant or message, and the unit that they contain in brackets."""
 
     comment: list[str]
     unit: str
 
 
 class InvalidSpecification(Exception):
-    """Definition that is wrong; base of other errors."""
+    """Raised for a definition that is wrong; base of the other errors of this module."""
 
 
 class InvalidActionSpecification(InvalidSpecification):
-    """Action without two separators."""
+    """Raised for an action without exactly two separators."""
 
 
 class InvalidServiceSpecification(InvalidSpecification):
-    """Service without exactly one separator."""
+    """Raised for a service without exactly one separator."""
 
 
 class InvalidResourceName(InvalidSpecification):
-    """Name of a package or message that is not valid."""
+    """Raised for an invalid name of a package or message."""
 
 
 class InvalidFieldDefinition(InvalidSpecification):
-    """Line without a name."""
+    """Raised for a line of a definition with a type, but without a name."""
 
 
 class UnknownMessageType(InvalidSpecification):
-    """Field with a type that is not known."""
+    """Raised for a field whose message type is not known."""
 
 
 class InvalidValue(Exception):
-    """Value that its type does not have."""
+    """Raised for a value that a type cannot have."""
 
     def __init__(self, type_: Type | str, value_string: str, message_suffix: str | None = None) -> None:
         reason = "" if message_suffix is None else f": {message_suffix}"
@@ -92,22 +92,22 @@ class InvalidValue(Exception):
 
 
 def is_valid_package_name(name: str) -> bool:
-    """Return True for the name of a package; raises `InvalidResourceName` for anything but a text."""
+    """Return True if a text is a valid name of a package; raise `InvalidResourceName` for other objects than texts."""
     return is_package_name(_text(name))
 
 
 def is_valid_field_name(name: str) -> bool:
-    """Return True for the name of a field; raises `InvalidResourceName` for anything but a text."""
+    """Return True if a text is a valid name of a field; raise `InvalidResourceName` for other objects than texts."""
     return is_package_name(_text(name))
 
 
 def is_valid_message_name(name: str) -> bool:
-    """Return True for the name of a message; raises `InvalidResourceName` for anything but a text."""
+    """Return True if a text is a valid name of a message; raise `InvalidResourceName` for other objects than texts."""
     return is_interface_name(_text(name))
 
 
 def is_valid_constant_name(name: str) -> bool:
-    """Return True for the name of a constant; raises `InvalidResourceName` for anything but a text."""
+    """Return True if a text is a valid name of a constant; raise `InvalidResourceName` for other objects than texts."""
     return is_constant_name(_text(name))
 
 
@@ -126,22 +126,26 @@ def _check_name(name: str, kind: str, is_valid: bool, pattern: re.Pattern[str], 
 
 
 class BaseType:
-    """Type of a value or of the elements of an array.
+    """Type of a single value, or of the elements of an array.
 
     Attributes:
-        pkg_name: package of a message; None for a primitive type.
-        type: name.
+        pkg_name: package of a message type; None for a primitive type.
+        type: name of the type.
         string_upper_bound: maximum length of a bounded string, or None.
     """
 
     __slots__ = ("pkg_name", "string_upper_bound", "type")
 
     def __init__(self, type_string: str, context_package_name: str | None = None) -> None:
-        """Parse a type; raises `InvalidResourceName`, and TypeError for a wrong bound.
+        """Parse the text of a type.
 
         Args:
-            type_string: such as ``int32``, ``string<=5``, ``std_msgs/String`` or ``String``.
-            context_package_name: package of a name without a package.
+            type_string: text such as ``int32``, ``string<=5``, ``std_msgs/String`` or ``String``.
+            context_package_name: package of a message name without a package.
+
+        Raises:
+            InvalidResourceName: the name of a package or message is invalid.
+            TypeError: the bound of a string is invalid.
         """
         self.pkg_name: str | None = None
         self.type = type_string
@@ -166,7 +170,7 @@ class BaseType:
         _check_name(self.type, "message", is_message, VALID_MESSAGE_NAME_PATTERN, InvalidResourceName)
 
     def is_primitive_type(self) -> bool:
-        """Return True for a number, a boolean or a string."""
+        """Return True for the type of a number, a boolean or a string."""
         return self.pkg_name is None
 
     def __eq__(self, other: object) -> bool:
@@ -188,7 +192,7 @@ class BaseType:
 
 
 class Type(BaseType):
-    """Type of a field.
+    """Type of a field, which may be an array or a sequence.
 
     Attributes:
         is_array: True for an array or a sequence.
@@ -199,7 +203,12 @@ class Type(BaseType):
     __slots__ = ("array_size", "is_array", "is_upper_bound")
 
     def __init__(self, type_string: str, context_package_name: str | None = None) -> None:
-        """Parse a type; raises `InvalidResourceName`, and TypeError for a wrong bound or size."""
+        """Parse the text of a type, such as ``int32[<=5]``.
+
+        Raises:
+            InvalidResourceName: the name of a package or message is invalid.
+            TypeError: the bound of a string, or the size of an array, is invalid.
+        """
         self.is_array = type_string[-1] == "]"
         self.array_size: int | None = None
         self.is_upper_bound = False
@@ -219,11 +228,11 @@ class Type(BaseType):
         super().__init__(type_string, context_package_name)
 
     def is_dynamic_array(self) -> bool:
-        """Return True for a sequence."""
+        """Return True for the type of a sequence, bounded or unbounded."""
         return self.is_array and (self.array_size is None or self.is_upper_bound)
 
     def is_fixed_size_array(self) -> bool:
-        """Return True for an array."""
+        """Return True for the type of an array of fixed size."""
         return self.is_array and not self.is_dynamic_array()
 
     def __eq__(self, other: object) -> bool:
@@ -260,21 +269,21 @@ class Constant:
     """Constant of a message.
 
     Attributes:
-        type: primitive type, a text.
-        name, value: name and value.
+        type: name of the primitive type.
+        name, value: name and value of the constant.
         annotations: comment lines and unit.
     """
 
     __slots__ = ("annotations", "name", "type", "value")
 
     def __init__(self, primitive_type: str, name: str, value_string: str) -> None:
-        """Parse a value.
+        """Create a constant, and parse the text of its value.
 
         Raises:
             TypeError: the type is not primitive.
             NameError: the name is not valid.
             ValueError: the value is None.
-            InvalidValue: the type does not have the value.
+            InvalidValue: the type cannot have the value.
         """
         if primitive_type not in PRIMITIVE_TYPES:
             raise TypeError(f"the constant type '{primitive_type}' must be a primitive type")
@@ -303,19 +312,19 @@ class Field:
     """Field of a message.
 
     Attributes:
-        type: `Type`.
-        name: name.
-        default_value: default value, a list for an array; None without one.
+        type: `Type` of the field.
+        name: name of the field.
+        default_value: default value, a list for an array; None without a default.
         annotations: comment lines and unit.
     """
 
     def __init__(self, type_: Type, name: str, default_value_string: str | None = None) -> None:
-        """Parse a default value.
+        """Create a field, and parse the text of its default value.
 
         Raises:
             TypeError: `type_` is not a `Type`.
             NameError: the name is not valid.
-            InvalidValue: the type does not have the value.
+            InvalidValue: the type cannot have the value.
             NotImplementedError: the type has no default values.
         """
         if not isinstance(type_, Type):
@@ -348,7 +357,7 @@ _Element = TypeVar("_Element", Field, Constant)
 
 
 class MessageSpecification:
-    """Message, or a section of a service or an action.
+    """Definition of a message, or of a section of a service or an action.
 
     Attributes:
         base_type: `BaseType` of the message.
@@ -358,12 +367,12 @@ class MessageSpecification:
     """
 
     def __init__(self, pkg_name: str, msg_name: str, fields: Iterable[Field], constants: Iterable[Constant]) -> None:
-        """Check the elements.
+        """Create the definition, and check its elements.
 
         Raises:
             InvalidResourceName: the name of the package or message is not valid.
             TypeError: an element has another class.
-            ValueError: two elements have one name.
+            ValueError: two elements have the same name.
         """
         self.base_type = BaseType(f"{pkg_name}{PACKAGE_NAME_MESSAGE_TYPE_SEPARATOR}{msg_name}")
         self.msg_name = msg_name
@@ -399,7 +408,7 @@ def _checked(elements: Iterable[_Element], kind: type[_Element], noun: str) -> l
 
 
 class ServiceSpecification:
-    """Service of a request and a response, both `MessageSpecification`."""
+    """Definition of a service: a request and a response, both `MessageSpecification`."""
 
     def __init__(
         self, pkg_name: str, srv_name: str, request: MessageSpecification, response: MessageSpecification
@@ -415,7 +424,7 @@ class ServiceSpecification:
 
 
 class ActionSpecification:
-    """Action of a goal, a result and a feedback, all `MessageSpecification`."""
+    """Definition of an action: goal, result and feedback, all `MessageSpecification`."""
 
     goal_service: ServiceSpecification
     result_service: ServiceSpecification
@@ -438,29 +447,29 @@ class ActionSpecification:
 
 
 def parse_message_file(pkg_name: str, interface_filename: str) -> MessageSpecification:
-    """Return the message of a .msg file; raises as `parse_message_string`, and OSError."""
+    """Return the definition in a .msg file; raise OSError, or the exceptions of `parse_message_string`."""
     path = Path(interface_filename)
     return parse_message_string(pkg_name, path.stem, path.read_text(encoding="utf-8"))
 
 
 def parse_service_file(pkg_name: str, interface_filename: str) -> ServiceSpecification:
-    """Return the service of a .srv file; raises as `parse_service_string`, and OSError."""
+    """Return the definition in a .srv file; raise OSError, or the exceptions of `parse_service_string`."""
     path = Path(interface_filename)
     return parse_service_string(pkg_name, path.stem, path.read_text(encoding="utf-8"))
 
 
 def parse_action_file(pkg_name: str, interface_filename: str) -> ActionSpecification:
-    """Return the action of an .action file; raises as `parse_action_string`, and OSError."""
+    """Return the definition in an .action file; raise OSError, or the exceptions of `parse_action_string`."""
     path = Path(interface_filename)
     return parse_action_string(pkg_name, path.stem, path.read_text(encoding="utf-8"))
 
 
 def parse_message_string(pkg_name: str, msg_name: str, message_string: str) -> MessageSpecification:
-    """Return the message of a text.
+    """Return the definition of a message for the text of a .msg file.
 
     Raises:
         InvalidSpecification: a line has no name, or the name of a type is not valid.
-        InvalidValue: a type does not have a value.
+        InvalidValue: a type cannot have a value.
         NameError, TypeError, ValueError: as `Field`, `Constant`, `Type` and `MessageSpecification`.
         IndexError: a line begins with a space.
     """
@@ -514,7 +523,12 @@ def _parse_element(pkg_name: str, msg_name: str, text: str) -> Field | Constant:
 
 
 def parse_service_string(pkg_name: str, srv_name: str, message_string: str) -> ServiceSpecification:
-    """Return the service of a text; raises `InvalidServiceSpecification`, and as `parse_message_string`."""
+    """Return the definition of a service for the text of a .srv file.
+
+    Raises:
+        InvalidServiceSpecification: the text does not contain exactly one separator.
+        InvalidSpecification, InvalidValue, NameError, TypeError, ValueError, IndexError: as `parse_message_string`.
+    """
     separator = SERVICE_REQUEST_RESPONSE_SEPARATOR
     sections = _sections(message_string, separator)
     if len(sections) != 2:
@@ -528,7 +542,12 @@ def parse_service_string(pkg_name: str, srv_name: str, message_string: str) -> S
 
 
 def parse_action_string(pkg_name: str, action_name: str, action_string: str) -> ActionSpecification:
-    """Return the action of a text; raises `InvalidActionSpecification`, and as `parse_message_string`."""
+    """Return the definition of an action for the text of an .action file.
+
+    Raises:
+        InvalidActionSpecification: the text does not contain exactly two separators.
+        InvalidSpecification, InvalidValue, NameError, TypeError, ValueError, IndexError: as `parse_message_string`.
+    """
     separator = ACTION_REQUEST_RESPONSE_SEPARATOR
     sections = _sections(action_string, separator)
     if len(sections) != 3:
@@ -555,14 +574,17 @@ def _sections(text: str, separator: str) -> list[str]:
 
 
 def extract_file_level_comments(message_string: str) -> tuple[list[str], list[str]]:
-    """Return the comment lines at the beginning of a text without their marks, and the other lines."""
+    """Return the comment lines at the beginning of a definition, without ``#``, and the other lines."""
     lines = message_string.splitlines()
     count = next((at for at, line in enumerate(lines) if not line.startswith(COMMENT_DELIMITER)), len(lines))
     return [line.lstrip(COMMENT_DELIMITER) for line in lines[:count]], lines[count:]
 
 
 def process_comments(instance: MessageSpecification | Field | Constant) -> None:
-    """Take the unit out of the comment of an element, dedent the lines, and drop blank lines that separate nothing."""
+    """Move the unit from the comment of an element to its annotations, and tidy the comment.
+
+    The lines are dedented, and blank lines that separate nothing are dropped.
+    """
     if "comment" not in instance.annotations:
         return
     lines = instance.annotations["comment"]
@@ -585,13 +607,13 @@ def process_comments(instance: MessageSpecification | Field | Constant) -> None:
 
 
 def parse_value_string(type_: Type, value_string: str) -> _Primitive | list[_Primitive]:
-    """Return the value of a text.
+    """Return the value of a type that a text in a definition denotes.
 
     Raises:
-        InvalidValue: the type does not have the value.
+        InvalidValue: the type cannot have the value.
         ValueError: a list of strings has wrong quotes or commas.
         IndexError: a list of strings ends with blanks.
-        NotImplementedError: values of messages have no text.
+        NotImplementedError: the type is a message.
     """
     if not type_.is_primitive_type():
         raise NotImplementedError(f"parsing string values into type '{type_}' is not supported")
@@ -621,7 +643,12 @@ def parse_value_string(type_: Type, value_string: str) -> _Primitive | list[_Pri
 
 
 def parse_string_array_value_string(element_string: str, expected_size: int | None) -> list[str]:
-    """Return the texts of a list of strings without its brackets; `expected_size` is not used."""
+    """Return the strings in the text of a list without its brackets; `expected_size` has no effect.
+
+    Raises:
+        ValueError: quotes or commas are wrong.
+        IndexError: the text ends with blanks.
+    """
     try:
         return split_strings(element_string)
     except LiteralProblem as problem:
@@ -631,7 +658,12 @@ def parse_string_array_value_string(element_string: str, expected_size: int | No
 
 
 def parse_primitive_value_string(type_: Type, value_string: str) -> _Primitive:
-    """Return the value of a text; raises `InvalidValue`, and ValueError for a type that is not primitive."""
+    """Return the value of a primitive type that a text in a definition denotes.
+
+    Raises:
+        InvalidValue: the type cannot have the value.
+        ValueError: the type is not primitive.
+    """
     if not type_.is_primitive_type() or type_.is_array:
         raise ValueError("the passed type must be a non-array primitive type")
     name = type_.type
@@ -662,7 +694,7 @@ def _expected(name: str) -> str:
 def validate_field_types(
     spec: MessageSpecification | ServiceSpecification | ActionSpecification, known_msg_types: list[BaseType]
 ) -> None:
-    """Raise `UnknownMessageType` if the message type of a field is not among the known types."""
+    """Raise `UnknownMessageType` if a field of a definition has a message type that is not among the known types."""
     if isinstance(spec, MessageSpecification):
         kind, sections = "Message", [spec]
     elif isinstance(spec, ServiceSpecification):

@@ -1,4 +1,4 @@
-"""Conversion of messages to text and back, and lists of interfaces."""
+"""Conversion of messages to text and back, and lists of interfaces (messages, services, actions)."""
 
 from rosidl_runtime_py.convert import get_message_slot_types, message_to_csv, message_to_ordereddict, message_to_yaml
 from rosidl_runtime_py.get_interfaces import (

@@ -1,4 +1,4 @@
-"""Conversion of messages to YAML, comma-separated values and dicts."""
+"""Conversion of messages to YAML, comma-separated values (CSV) and dicts."""
 
 from __future__ import annotations
 
@@ -28,9 +28,13 @@ _Dumper.add_representer(
 
 @dataclass(frozen=True)
 class _Limits:
-    """Options that shorten values: maximum number of elements or characters, and types in place of values.
+    """Options that shorten the values of a message.
 
-    With `is_csv`, bytes and numbers of numpy become their texts.
+    Attributes:
+        length: maximum number of elements or characters; None: unlimited.
+        no_arr: replace arrays by a text about their type.
+        no_str: replace strings by a text about their length.
+        is_csv: convert bytes, and numbers of numpy, to texts.
     """
 
     length: int | None
@@ -50,7 +54,7 @@ def message_to_yaml(
     no_str: bool = False,
     flow_style: bool = False,
 ) -> str:
-    """Return a message as YAML, in blocks or in one line; see `message_to_ordereddict` for the other arguments."""
+    """Return a message as YAML, in one line with `flow_style`; other arguments as for `message_to_ordereddict`."""
     plain = message_to_ordereddict(msg, truncate_length=truncate_length, no_arr=no_arr, no_str=no_str)
     text: str = yaml.dump(plain, Dumper=_Dumper, allow_unicode=True, width=sys.maxsize, default_flow_style=flow_style)
     return text
@@ -59,23 +63,23 @@ def message_to_yaml(
 def message_to_ordereddict(
     msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False
 ) -> OrderedDict[str, Any]:
-    """Return a message as dicts, lists, numbers and texts, in the order of its fields.
+    """Return a message as dicts, lists, numbers and strings, in the order of its fields.
 
     Args:
-        truncate_length: maximum length of arrays and texts, after which they end in ``...``.
-        no_arr: describe the types of arrays in place of their elements.
-        no_str: describe the lengths of texts in place of their contents.
+        truncate_length: maximum length of arrays and strings; longer ones are cut and end with ``...``.
+        no_arr: replace arrays by a text about their type.
+        no_str: replace strings by a text about their length.
     """
     return _to_dict(msg, _Limits(truncate_length, no_arr, no_str))
 
 
 def message_to_csv(msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False) -> str:
-    """Return the values of a message, separated by commas; see `message_to_ordereddict` for the arguments."""
+    """Return the values of a message, separated by commas; arguments as for `message_to_ordereddict`."""
     return _join(_to_dict(msg, _Limits(truncate_length, no_arr, no_str, is_csv=True)))
 
 
 def get_message_slot_types(msg: Any) -> OrderedDict[str, Any]:
-    """Return the type of each field, as an object of `rosidl_parser`."""
+    """Return field name -> type of the field, an object of `rosidl_parser`."""
     return OrderedDict(zip(msg.get_fields_and_field_types(), msg.SLOT_TYPES, strict=True))
 
 
@@ -113,7 +117,7 @@ def _to_plain(value: Any, kind: Any, limits: _Limits) -> Any:
 
 
 def _join(value: Any) -> str:
-    """Return a plain value and all that is in it, separated by commas."""
+    """Return the texts of a value and of all values in it, separated by commas."""
     if isinstance(value, list | tuple | dict):
         return ",".join(map(_join, value.values() if isinstance(value, dict) else value))
     return str(value)

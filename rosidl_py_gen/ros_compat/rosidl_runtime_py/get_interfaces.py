@@ -1,4 +1,4 @@
-"""Lists of interfaces, from the resource index."""
+"""Lists of interfaces (messages, services, actions), from the resource index."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _RESOURCE = "rosidl_interfaces"
 
 
 def get_interface_packages() -> dict[str, str]:
-    """Return the prefixes of packages with interfaces, by package name."""
+    """Return package name -> prefix, for all packages with interfaces."""
     return get_resources(_RESOURCE)
 
 
 def get_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return names such as ``msg/String`` by package, by default of all packages.
+    """Return package name -> names of interfaces such as ``msg/String``; by default for all packages.
 
     Raises:
         LookupError: a package does not exist.
@@ -25,22 +25,22 @@ def get_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
 
 
 def get_message_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return the messages among `get_interfaces`."""
+    """Return package name -> names of messages such as ``msg/String``; by default for all packages."""
     return _interfaces_of_kind(package_names, "msg/", (".idl", ".msg"))
 
 
 def get_service_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return the services among `get_interfaces`."""
+    """Return package name -> names of services such as ``srv/Trigger``; by default for all packages."""
     return _interfaces_of_kind(package_names, "srv/", (".idl", ".srv"))
 
 
 def get_action_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return the actions among `get_interfaces`."""
+    """Return package name -> names of actions such as ``action/Fibonacci``; by default for all packages."""
     return _interfaces_of_kind(package_names, "action/", (".idl", ".action"))
 
 
 def get_interface_path(interface_name: str) -> str:
-    """Return the file of an interface, such as ``std_msgs/msg/String`` or ``std_msgs/msg/String.idl``.
+    """Return the path of the definition file of ``std_msgs/msg/String``; the name may have an ending such as ``.idl``.
 
     Raises:
         ValueError: the name is invalid.

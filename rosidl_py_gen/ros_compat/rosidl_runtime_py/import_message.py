@@ -1,4 +1,4 @@
-"""Import of classes by the types in `SLOT_TYPES`."""
+"""Import of message classes, given by the types in `SLOT_TYPES`."""
 
 import importlib
 import warnings
@@ -10,7 +10,7 @@ _FEEDBACK = "_FeedbackMessage"
 
 
 def import_message_from_namespaced_type(message_type: Any) -> Any:
-    """Return the class of a `NamespacedType`; for ``X_FeedbackMessage`` that is ``X.Impl.FeedbackMessage``.
+    """Return the class for a `NamespacedType`; the class for ``X_FeedbackMessage`` is ``X.Impl.FeedbackMessage``.
 
     Raises:
         ImportError, AttributeError: the class does not exist.

@@ -1,4 +1,4 @@
-"""Assignment of message fields from dicts, lists, numbers and texts."""
+"""Assignment of message fields from dicts, lists, numbers and strings."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ _TIME = "builtin_interfaces.msg._time.Time"
 def set_message_fields(
     msg: Any, values: dict[str, Any], expand_header_auto: bool = False, expand_time_now: bool = False
 ) -> list[Any]:
-    """Set the fields in `values`, also in nested messages.
+    """Set the fields of a message, and of nested messages, to the values in a dict.
 
     Args:
-        expand_header_auto: accept ``auto`` for a Header, whose stamp the caller sets later.
-        expand_time_now: accept ``now`` for a Time, which the caller sets later.
+        msg: message.
+        values: field name -> value; a dict for a nested message.
+        expand_header_auto: accept the value ``auto`` for a Header, whose stamp the caller sets later.
+        expand_time_now: accept the value ``now`` for a Time, which the caller sets later.
 
     Returns:
-        A function for each time to be set; it takes the `Time`.
+        A function for each time that the caller must set; the function takes the `Time`.
 
     Raises:
         AttributeError: a field does not exist.

@@ -1,4 +1,4 @@
-"""Import of classes by full names."""
+"""Import of the classes of messages, services and actions by their full names."""
 
 from __future__ import annotations
 
@@ -16,37 +16,49 @@ def get_interface(identifier: str) -> Any:
 
 
 def get_message(identifier: str) -> Any:
-    """Return the class of a message, also of ``std_msgs/String``; raise ValueError for other classes."""
+    """Return the class of a message by its name, ``std_msgs/msg/String`` or ``std_msgs/String``.
+
+    Raises:
+        ValueError: the name is not the name of a message.
+    """
     return _import_interface(identifier, get_message_namespaced_type(identifier), is_message, "a message")
 
 
 def get_service(identifier: str) -> Any:
-    """Return the class of a service, also of ``std_srvs/SetBool``; raise ValueError for other classes."""
+    """Return the class of a service by its name, ``std_srvs/srv/SetBool`` or ``std_srvs/SetBool``.
+
+    Raises:
+        ValueError: the name is not the name of a service.
+    """
     return _import_interface(identifier, get_service_namespaced_type(identifier), is_service, "a service")
 
 
 def get_action(identifier: str) -> Any:
-    """Return the class of an action, also of ``example_interfaces/Fibonacci``; raise ValueError for other classes."""
+    """Return the class of an action by its name, ``example_interfaces/action/Fibonacci`` or without ``action``.
+
+    Raises:
+        ValueError: the name is not the name of an action.
+    """
     return _import_interface(identifier, get_action_namespaced_type(identifier), is_action, "an action")
 
 
 def get_namespaced_type(identifier: str) -> Any:
-    """Return a full name as a `NamespacedType` of `rosidl_parser`."""
+    """Return the `NamespacedType` of `rosidl_parser` for a full name such as ``std_msgs/msg/String``."""
     return _to_namespaced_type(identifier, None)
 
 
 def get_message_namespaced_type(identifier: str) -> Any:
-    """Return the `NamespacedType` of a message, also without ``msg``."""
+    """Return the `NamespacedType` for the name of a message, also for a name without ``msg``."""
     return _to_namespaced_type(identifier, "msg")
 
 
 def get_service_namespaced_type(identifier: str) -> Any:
-    """Return the `NamespacedType` of a service, also without ``srv``."""
+    """Return the `NamespacedType` for the name of a service, also for a name without ``srv``."""
     return _to_namespaced_type(identifier, "srv")
 
 
 def get_action_namespaced_type(identifier: str) -> Any:
-    """Return the `NamespacedType` of an action, also without ``action``."""
+    """Return the `NamespacedType` for the name of an action, also for a name without ``action``."""
     return _to_namespaced_type(identifier, "action")
 
 

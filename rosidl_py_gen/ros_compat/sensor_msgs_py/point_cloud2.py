@@ -1,7 +1,7 @@
 """Conversion of ``sensor_msgs/msg/PointCloud2`` to structured arrays and back.
 
-Unlike in `rosidl_py_gen.numpy`, a field with a `count` above 1 becomes several columns, x_0, x_1 and so on, and the
-points have one axis.
+Unlike in `rosidl_py_gen.numpy`, a field x with a `count` above 1 becomes several columns x_0, x_1 and so on, and the
+array of points has one axis.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _DATATYPES: dict[int, np.dtype[Any]] = {
     10: np.dtype(np.uint64),
     11: np.dtype(np.bool_),
 }
-"""Types of fields; the last three are of PCL and Lyrical."""
+"""Datatype number of a PointField -> numpy type; the last three are datatypes of PCL and Lyrical."""
 _IS_BIG_ENDIAN = sys.byteorder == "big"
 
 
@@ -113,7 +113,7 @@ def read_points_list(
     skip_nans: bool = False,
     uvs: Iterable[int] | None = None,
 ) -> list[Any]:
-    """Return the points as a list of named tuples; see `read_points`."""
+    """Return the points of a cloud as a list of named tuples; arguments and exceptions as for `read_points`."""
     assert isinstance(cloud, PointCloud2), f"expected a sensor_msgs.msg.PointCloud2, got {type(cloud).__name__}"
     names = [field.name for field in cloud.fields] if field_names is None else list(field_names)
     point_class: Any = namedtuple("Point", names)  # type: ignore[misc]
@@ -121,7 +121,11 @@ def read_points_list(
 
 
 def dtype_from_fields(fields: Iterable[PointField], point_step: int | None = None) -> np.dtype[Any]:
-    """Return the dtype of a point of `point_step` bytes, by default as many as the fields need.
+    """Return the structured dtype of a point with the given fields.
+
+    Args:
+        fields: fields of the cloud, PointField messages.
+        point_step: number of bytes of a point. [default: as many as the fields need]
 
     Raises:
         AssertionError: two fields have the same name, or a count is 0.
@@ -145,12 +149,12 @@ def dtype_from_fields(fields: Iterable[PointField], point_step: int | None = Non
 def create_cloud(
     header: Header, fields: Iterable[PointField], points: Any, point_step: int | None = None
 ) -> PointCloud2:
-    """Create a cloud.
+    """Create a ``sensor_msgs/msg/PointCloud2``.
 
     Args:
         points: tuples in the order of the fields; an array of shape ``(n, fields)`` or ``(width, height, fields)`` if
             all fields have the same type; or a structured array with exactly these fields.
-        point_step: bytes of a point. [default: as many as the fields need]
+        point_step: number of bytes of a point. [default: as many as the fields need]
 
     Raises:
         AssertionError: the points do not fit the fields.

@@ -1,4 +1,4 @@
-"""Transformation of geometry_msgs; importing it registers the types for ``Buffer.transform``."""
+"""Transformation of geometry_msgs; importing the package registers the types for ``Buffer.transform``."""
 
 import tf2_ros
 

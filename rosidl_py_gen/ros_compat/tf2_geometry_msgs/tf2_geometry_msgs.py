@@ -1,4 +1,4 @@
-"""Transformation of geometry_msgs, with `rosidl_py_gen.tf`.
+"""Transformation of geometry_msgs between frames, with `rosidl_py_gen.tf`.
 
 As in the real package, the header of a result is the header object of the transform, and arguments are not changed.
 """
@@ -28,7 +28,7 @@ T = TypeVar("T", bound=Any)
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """Return the message."""
+    """Return the argument, which is a message already."""
     return msg
 
 
@@ -36,17 +36,17 @@ from_msg_msg = to_msg_msg
 
 
 def do_transform_point(point: PointStamped, transform: TransformStamped) -> PointStamped:
-    """Transform a point."""
+    """Return a point transformed to the frame of the transform."""
     return _transform(PointStamped(point=point.point), transform)
 
 
 def do_transform_vector3(vector3: Vector3Stamped, transform: TransformStamped) -> Vector3Stamped:
-    """Transform a direction, which is only rotated."""
+    """Return a vector transformed to the frame of the transform; as a direction, it is only rotated."""
     return _transform(Vector3Stamped(vector=vector3.vector), transform)
 
 
 def do_transform_pose(pose: Pose, transform: TransformStamped) -> Pose:
-    """Transform a pose; w of the resulting orientation is not negative."""
+    """Return a pose transformed to the frame of the transform; w of the resulting orientation is not negative."""
     change, position, result = _to_transform(transform), pose.position, Pose()
     x, y, z = change.apply((position.x, position.y, position.z)).tolist()
     result.position.x, result.position.y, result.position.z = x, y, z
@@ -57,14 +57,14 @@ def do_transform_pose(pose: Pose, transform: TransformStamped) -> Pose:
 
 
 def do_transform_pose_stamped(pose: PoseStamped, transform: TransformStamped) -> PoseStamped:
-    """Transform a pose with a header."""
+    """Return a pose with header transformed to the frame of the transform."""
     return PoseStamped(header=transform.header, pose=do_transform_pose(pose.pose, transform))
 
 
 def do_transform_pose_with_covariance_stamped(
     pose: PoseWithCovarianceStamped, transform: TransformStamped
 ) -> PoseWithCovarianceStamped:
-    """Transform a pose and its covariance."""
+    """Return a pose and its covariance transformed to the frame of the transform."""
     result = PoseWithCovarianceStamped(header=transform.header)
     result.pose.pose = do_transform_pose(pose.pose.pose, transform)
     result.pose.covariance = transform_covariance(pose.pose.covariance, transform)
@@ -72,12 +72,12 @@ def do_transform_pose_with_covariance_stamped(
 
 
 def do_transform_polygon_stamped(polygon: PolygonStamped, transform: TransformStamped) -> PolygonStamped:
-    """Transform a polygon."""
+    """Return a polygon transformed to the frame of the transform."""
     return _transform(PolygonStamped(polygon=polygon.polygon), transform)
 
 
 def transform_covariance(cov_in: Any, transform: TransformStamped) -> Any:
-    """Transform the 36 numbers of a covariance of position and angles."""
+    """Return the transformed covariance (36 numbers) of a position and three angles."""
     message = PoseWithCovarianceStamped()
     message.pose.covariance = cov_in
     return _transform(message, transform).pose.covariance
@@ -90,13 +90,13 @@ def _transform(message: T, transform: TransformStamped) -> T:
 
 
 def _to_transform(stamped: TransformStamped) -> _tf.Transform:
-    """Return a transform of messages without a frame."""
+    """Return the transform of `rosidl_py_gen.tf` for a TransformStamped, for objects without a frame."""
     move, rotation = stamped.transform.translation, _quaternion_or_identity(stamped.transform.rotation)
     return _tf.Transform(stamped.header.frame_id, "", 0, np.array((move.x, move.y, move.z)), rotation)
 
 
 def _quaternion_or_identity(quaternion: Any) -> Any:
-    """Return a quaternion; a zero one, which is not a rotation, becomes the identity."""
+    """Return a quaternion message as an array; zeros, which are not a rotation, become the identity."""
     values = np.array((quaternion.x, quaternion.y, quaternion.z, quaternion.w))
     return values if values @ values >= np.finfo(np.float64).eps else np.array((0.0, 0.0, 0.0, 1.0))
 

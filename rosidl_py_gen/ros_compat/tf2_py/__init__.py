@@ -28,17 +28,17 @@ __all__ = [
 Triple = tuple[float, float, float]
 _NS_PER_S = 1_000_000_000
 _MIN_SPAN_NS = 100_000
-"""Minimum time span for the rate of transforms."""
+"""Minimum time span over which the rate of transforms is calculated."""
 _EARLIEST_TIME_S = 0.00001
-"""Earliest time to look up, in seconds. Not 0, because tf2 reads time 0 as "latest"."""
+"""Earliest time to look up, in seconds; not 0, because tf2 reads time 0 as "latest"."""
 
 
 class TransformException(Exception):
-    """Base class of transform errors."""
+    """Base class of errors about transforms."""
 
 
 class ConnectivityException(TransformException):
-    """Raised if the frames are in different trees."""
+    """Raised if two frames are in different trees."""
 
 
 class LookupException(TransformException):
@@ -67,7 +67,9 @@ _EXCEPTIONS = (
 
 
 class BufferCore:
-    """Transforms of the last seconds, and static transforms; times are `Time`, or messages of that name.
+    """Buffer of the transforms of the last seconds, and of static transforms.
+
+    Times are `Time` objects, or ``builtin_interfaces/Time`` messages.
 
     Args:
         cache_time: time for which transforms are stored. [default: 10 s]
@@ -79,7 +81,7 @@ class BufferCore:
         self._rosidl_authorities: dict[str, str] = {}
 
     def set_transform(self, transform: TransformStamped, authority: str) -> None:
-        """Store a transform; one that is invalid or too old is logged and ignored."""
+        """Store a transform; an invalid transform, or one that is too old, is logged and ignored."""
         self._rosidl_set(transform, authority, False)
 
     def set_transform_static(self, transform: TransformStamped, authority: str) -> None:
@@ -95,10 +97,13 @@ class BufferCore:
         self._rosidl_authorities[transform.child_frame_id.lstrip("/")] = authority
 
     def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> TransformStamped:
-        """Return the transform from `source_frame` to `target_frame`; time 0 means the latest.
+        """Return the transform from `source_frame` to `target_frame` at a time; time 0 means the latest.
 
         Raises:
-            LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: see the classes.
+            LookupException: a frame is unknown.
+            ConnectivityException: the frames are in different trees.
+            ExtrapolationException: the frames are connected, but not at this time.
+            InvalidArgumentException: the name of a frame is invalid.
         """
         with _tf2_errors():
             transform = self._rosidl_buffer.lookup_transform(target_frame, source_frame, _nanoseconds(time))
@@ -107,7 +112,16 @@ class BufferCore:
     def lookup_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
     ) -> TransformStamped:
-        """Return the transform between two times, in which `fixed_frame` does not move."""
+        """Return the transform from `source_frame` at one time to `target_frame` at another time.
+
+        The frame `fixed_frame` is assumed not to move between the times.
+
+        Raises:
+            LookupException: a frame is unknown.
+            ConnectivityException: the frames are in different trees.
+            ExtrapolationException: the frames are connected, but not at one of the times.
+            InvalidArgumentException: the name of a frame is invalid.
+        """
         times = _nanoseconds(target_time), _nanoseconds(source_time)
         with _tf2_errors():
             transform = self._rosidl_buffer.lookup_transform_full(
@@ -116,25 +130,31 @@ class BufferCore:
             return transform.to_message(cls=TransformStamped)
 
     def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[bool, str]:
-        """Return True if `lookup_transform_core` would succeed, and the reason why not."""
+        """Return True and "" if `lookup_transform_core` would succeed, else False and the reason."""
         return _check_lookup(lambda: self.lookup_transform_core(target_frame, source_frame, time))
 
     def can_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
     ) -> tuple[bool, str]:
-        """Return True if `lookup_transform_full_core` would succeed, and the reason why not."""
+        """Return True and "" if `lookup_transform_full_core` would succeed, else False and the reason."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         return _check_lookup(lambda: self.lookup_transform_full_core(*arguments))
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
-        """Return the latest time at which the transform is known; raise as `lookup_transform_core`."""
+        """Return the latest time at which the transform between two frames is known.
+
+        Raises:
+            LookupException: a frame is unknown.
+            ConnectivityException: the frames are in different trees.
+            InvalidArgumentException: the name of a frame is invalid.
+        """
         with _tf2_errors():
             return Time(nanoseconds=self._rosidl_buffer.lookup_transform(target_frame, source_frame).stamp)
 
     def lookupVelocityCore(
         self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
     ) -> tuple[Triple, Triple]:
-        """Return the velocity of `tracking_frame` in `observation_frame` in m/s and rad/s."""
+        """Return the linear and angular velocity of `tracking_frame` in `observation_frame`, in m/s and rad/s."""
         origin = (0.0, 0.0, 0.0), tracking_frame
         frames = tracking_frame, observation_frame, observation_frame
         return self.lookupVelocityFullCore(*frames, *origin, time, averaging_interval)
@@ -149,14 +169,17 @@ class BufferCore:
         time: Any,
         averaging_interval: Any,
     ) -> tuple[Triple, Triple]:
-        """Return the velocity in `reference_frame`, the linear one of a point in `reference_point_frame`."""
+        """Return the linear and angular velocity in axes of `reference_frame`, in m/s and rad/s.
+
+        The linear velocity is the velocity of a point given in `reference_point_frame`.
+        """
         frames = tracking_frame, observation_frame, reference_frame
         times = _nanoseconds(time) / _NS_PER_S, _nanoseconds(averaging_interval) / _NS_PER_S
         with _tf2_errors():
             return _velocity(self._rosidl_buffer, frames, reference_point, reference_point_frame, *times)
 
     def clear(self) -> None:
-        """Remove all transforms except static ones."""
+        """Remove all transforms except static transforms."""
         self._rosidl_buffer.clear()
 
     def all_frames_as_yaml(self) -> str:
@@ -179,7 +202,7 @@ class BufferCore:
         return "\n".join(lines) + "\n" * bool(frames)
 
     def all_frames_as_string(self) -> str:
-        """Return a line for each frame, with its parent."""
+        """Return a text with a line for each frame and its parent."""
         frames = self._rosidl_buffer.frames().items()
         return "".join(f"Frame {name} exists with parent {info.parent or 'NO_PARENT'}.\n" for name, info in frames)
 
@@ -191,7 +214,7 @@ class BufferCore:
 
 
 def _check_lookup(look_up: Callable[[], object]) -> tuple[bool, str]:
-    """Return True if the function raises no TransformException, and the text of the exception."""
+    """Call a function; return True and "" if it raises no TransformException, else False and the exception's text."""
     try:
         look_up()
     except TransformException as error:
@@ -201,7 +224,7 @@ def _check_lookup(look_up: Callable[[], object]) -> tuple[bool, str]:
 
 @contextmanager
 def _tf2_errors() -> Iterator[None]:
-    """Raise errors of `rosidl_py_gen.tf` as errors of tf2."""
+    """Convert exceptions of `rosidl_py_gen.tf` in a block to exceptions of tf2."""
     try:
         yield
     except (tf.TransformError, tf.InvalidTransformError) as error:
@@ -210,7 +233,7 @@ def _tf2_errors() -> Iterator[None]:
 
 
 def _error_text(error: tf.TransformError | tf.InvalidTransformError) -> str:
-    """Return the error's text; the text of an extrapolation begins as in tf2, because programs search for it."""
+    """Return the text for an exception of tf2; about extrapolation it begins as in tf2, because programs search it."""
     if not isinstance(error, tf.ExtrapolationError):
         return str(error)
     into = f" into the {error.direction}" if error.direction else ""
@@ -233,12 +256,15 @@ def _velocity(
     time_s: float,
     interval_s: float,
 ) -> tuple[Triple, Triple]:
-    """Return the linear and angular velocity in m/s and rad/s, with the steps of tf2.
+    """Return the linear and angular velocity of a frame in m/s and rad/s, calculated with the steps of tf2.
 
     Args:
+        buffer: transforms.
         frames: the moving frame, the frame in which it is observed, and the frame of the result.
         point: point to which the linear velocity applies, in `point_frame`.
-        time_s: middle of the interval; earlier if the latest transform is too old.
+        point_frame: frame of the point.
+        time_s: middle of the interval; the interval is earlier if the latest transform is too old.
+        interval_s: length of the interval over which the velocity is averaged.
     """
     tracking_frame, observation_frame, reference_frame = frames
     end = min(time_s + interval_s * 0.5, buffer.lookup_transform(observation_frame, tracking_frame).stamp / 1e9)
@@ -260,7 +286,7 @@ def _velocity(
 
 
 def _rotation_vector(rotation: Any) -> Any:
-    """Return axis times angle; the angle exceeds half a turn if the angle of tf2 does."""
+    """Return the axis times the angle of a rotation matrix; the angle exceeds half a turn if the angle of tf2 does."""
     x, y, z, w = quaternion = matrix_to_quaternion(rotation)
     if np.trace(rotation) <= 0 and quaternion[np.argmax(np.diag(rotation))] < 0:
         x, y, z, w = -quaternion

@@ -1,4 +1,4 @@
-"""Buffer of transforms, which listeners fill."""
+"""Buffer of transforms between frames, which transform listeners fill."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 
 class Buffer(BufferCore, BufferInterface):
-    """Transforms of the last seconds, and static transforms.
+    """Buffer of the transforms of the last seconds, and of static transforms.
 
-    A `timeout` waits for transforms from a listener. In a callback that blocks the listener's callback the wait is in
-    vain.
+    Methods with `timeout` wait until a listener receives the transform. They wait in vain in a callback that prevents
+    the listener's callback from running.
 
     Args:
         cache_time: time for which transforms are stored. [default: 10 s]
-        node: node that serves ``tf2_frames``, and whose clock clears the buffer when it jumps back.
+        node: node that serves ``tf2_frames``. The buffer is cleared when the node's clock jumps back by 1 s or more, or
+            when its source of time changes.
     """
 
     def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
@@ -46,7 +47,7 @@ class Buffer(BufferCore, BufferInterface):
         return FrameGraph.Response(frame_yaml=self.all_frames_as_yaml())
 
     def time_jump_callback(self, time_jump: TimeJump) -> None:
-        """Clear the buffer; called by the clock."""
+        """Clear the buffer, because the clock has jumped back or changed its source; called by the clock."""
         get_logger("tf2_buffer").warning("Detected jump back in time. Clearing tf buffer.")
         self.clear()
 
@@ -59,16 +60,19 @@ class Buffer(BufferCore, BufferInterface):
             callback()
 
     def lookup_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """Return the transform from `source_frame` to `target_frame`; time 0 means the latest.
+        """Return the transform from `source_frame` to `target_frame` at a time; time 0 means the latest.
 
         Raises:
-            LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: see the classes.
+            LookupException: a frame is unknown.
+            ConnectivityException: the frames are in different trees.
+            ExtrapolationException: the frames are connected, but not at this time.
+            InvalidArgumentException: the name of a frame is invalid.
         """
         self.can_transform(target_frame, source_frame, time, timeout)
         return self.lookup_transform_core(target_frame, source_frame, time)
 
     async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Any:
-        """Return the transform as soon as it is available."""
+        """Wait until the transform from `source_frame` to `target_frame` is available, and return it."""
         return await self.wait_for_transform_async(target_frame, source_frame, time)
 
     def lookup_transform_full(
@@ -80,7 +84,10 @@ class Buffer(BufferCore, BufferInterface):
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> Any:
-        """Return the transform between two times, in which `fixed_frame` does not move."""
+        """Return the transform from `source_frame` at one time to `target_frame` at another time.
+
+        The frame `fixed_frame` is assumed not to move between the times.
+        """
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         self.can_transform_full(*arguments, timeout)
         return self.lookup_transform_full_core(*arguments)
@@ -88,7 +95,7 @@ class Buffer(BufferCore, BufferInterface):
     async def lookup_transform_full_async(
         self, target_frame: str, target_time: Time, source_frame: str, source_time: Time, fixed_frame: str
     ) -> Any:
-        """Return the transform between two times as soon as it is available."""
+        """Wait until the transform of `lookup_transform_full` with the same arguments is available, and return it."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         return await self.wait_for_transform_full_async(*arguments)
 
@@ -100,7 +107,7 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration = NO_TIME,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Return True if `lookup_transform` would succeed; with `return_debug_tuple` also the reason why not."""
+        """Return True if `lookup_transform` would succeed; with `return_debug_tuple` a tuple with the reason."""
         result = self._rosidl_wait(partial(self.can_transform_core, target_frame, source_frame, time), timeout)
         return result if return_debug_tuple else result[0]
 
@@ -114,7 +121,7 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration = NO_TIME,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Return True if `lookup_transform_full` would succeed; with `return_debug_tuple` also the reason why not."""
+        """Return True if `lookup_transform_full` would succeed; with `return_debug_tuple` a tuple with the reason."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         result = self._rosidl_wait(lambda: self.can_transform_full_core(*arguments), timeout)
         return result if return_debug_tuple else result[0]
@@ -126,13 +133,13 @@ class Buffer(BufferCore, BufferInterface):
         return check()
 
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Future[Any]:
-        """Return a future of the transform."""
+        """Return a future that is done when the transform is available; arguments as for `lookup_transform`."""
         return self._rosidl_future(self.lookup_transform_core, target_frame, source_frame, time)
 
     def wait_for_transform_full_async(
         self, target_frame: str, target_time: Time, source_frame: str, source_time: Time, fixed_frame: str
     ) -> Future[Any]:
-        """Return a future of the transform between two times."""
+        """Return a future that is done when the transform is available; arguments as for `lookup_transform_full`."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         return self._rosidl_future(self.lookup_transform_full_core, *arguments)
 

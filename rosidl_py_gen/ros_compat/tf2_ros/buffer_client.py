@@ -1,4 +1,4 @@
-"""Client of a buffer of another node, by its action."""
+"""Client that looks transforms up in the buffer of another node, by the action of that node."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 _DEFAULT_TIMEOUT_PADDING = Duration(seconds=2.0)
 _MAX_TEXT = 2000
-"""Maximum number of characters of a server's error text; error texts of tf2 have about 200."""
+"""Maximum number of characters of a server's error text that an exception quotes; texts of tf2 have about 200."""
 _ERRORS = {
     TF2Error.LOOKUP_ERROR: LookupException,
     TF2Error.CONNECTIVITY_ERROR: ConnectivityException,
@@ -40,7 +40,7 @@ _ERRORS = {
 
 
 class BufferClient(BufferInterface):
-    """Client of a buffer server; another thread has to spin the node during a call.
+    """Client of a buffer server (node with a buffer of transforms); another thread must spin the node during a call.
 
     Args:
         ns: name of the server's action.
@@ -58,7 +58,7 @@ class BufferClient(BufferInterface):
         self.timeout_padding = timeout_padding
 
     def lookup_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """Return the transform from `source_frame` to `target_frame`; time 0 means the latest.
+        """Return the transform from `source_frame` to `target_frame` at a time; time 0 means the latest.
 
         Raises:
             TimeoutException: there is no server, or it did not reply in time. Others as the server reports.
@@ -81,7 +81,10 @@ class BufferClient(BufferInterface):
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> Any:
-        """Return the transform between two times, in which `fixed_frame` does not move."""
+        """Return the transform from `source_frame` at one time to `target_frame` at another time.
+
+        The frame `fixed_frame` is assumed not to move between the times.
+        """
         goal = LookupTransform.Goal(target_frame=target_frame, source_frame=source_frame, advanced=True)
         goal.source_time, goal.timeout = source_time.to_msg(), timeout.to_msg()
         goal.target_time, goal.fixed_frame = target_time.to_msg(), fixed_frame

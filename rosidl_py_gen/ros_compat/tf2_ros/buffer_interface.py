@@ -1,4 +1,4 @@
-"""Base class of buffers, which transforms and converts objects of registered types."""
+"""Base class of buffers, with the transformation and conversion of objects of registered types."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NO_TIME = Duration()
 
 
 class TypeException(Exception):
-    """Raised for a type that is not registered."""
+    """Raised for an object whose type is not registered."""
 
     def __init__(self, errstr: str) -> None:
         super().__init__(errstr)
@@ -32,7 +32,7 @@ class NotImplementedException(Exception):
 
 
 class BufferInterface:
-    """Base class of buffers; subclasses implement the lookups."""
+    """Base class of buffers; subclasses implement the methods that look transforms up."""
 
     def __init__(self) -> None:
         self.registration = TransformRegistration()
@@ -40,10 +40,10 @@ class BufferInterface:
     def transform(
         self, object_stamped: Any, target_frame: str, timeout: Duration = NO_TIME, new_type: Any = None
     ) -> Any:
-        """Transform an object with a header to another frame, at its own time.
+        """Return an object with a header transformed to another frame, at the time in its header.
 
         The type must be registered, for example by an import of tf2_geometry_msgs. The result is converted to
-        `new_type`.
+        `new_type`, if that is given.
 
         Raises:
             TypeException: the type is not registered. Others as `lookup_transform`.
@@ -63,7 +63,7 @@ class BufferInterface:
         timeout: Duration = NO_TIME,
         new_type: Any = None,
     ) -> Any:
-        """Transform an object to another frame and time, in which `fixed_frame` does not move."""
+        """Return an object transformed to another frame and time; `fixed_frame` is assumed not to move in between."""
         function = self.registration.get(type(object_stamped))
         source = object_stamped.header.frame_id, object_stamped.header.stamp
         transform = self.lookup_transform_full(target_frame, target_time, *source, fixed_frame, timeout)
@@ -71,7 +71,7 @@ class BufferInterface:
         return result if new_type is None else convert(result, new_type)
 
     def lookup_transform(self, *args: Any, **kwargs: Any) -> Any:
-        """Raise `NotImplementedException`; subclasses implement the four lookups."""
+        """Raise `NotImplementedException`; subclasses implement this and the other three methods for lookups."""
         raise NotImplementedException
 
     lookup_transform_full = can_transform = can_transform_full = lookup_transform
@@ -84,7 +84,7 @@ def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:
 
 
 class TransformRegistration:
-    """Shared table of the functions that transform objects, which take an object and a TransformStamped."""
+    """Shared table of the functions that transform objects: type -> function of an object and a TransformStamped."""
 
     _types: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
 
@@ -95,12 +95,12 @@ class TransformRegistration:
         self._types[key] = callback
 
     def get(self, key: Any) -> Callable[[Any, Any], Any]:
-        """Return the function of a type; raise `TypeException` if there is none."""
+        """Return the function that transforms objects of a type; raise `TypeException` if there is none."""
         return _get_registered(self._types, key)
 
 
 class ConvertRegistration:
-    """Shared tables of the functions that convert objects to messages, from messages, and between types."""
+    """Shared tables of the functions that convert objects to messages, from messages, and to other types."""
 
     _to_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
     _from_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
@@ -115,24 +115,24 @@ class ConvertRegistration:
         self._to_msg[key] = callback
 
     def add_convert(self, key: Any, callback: Callable[[Any], Any]) -> None:
-        """Register a direct conversion; the key is a tuple of both types."""
+        """Register a function that converts objects directly; the key is a tuple of both types."""
         self._convert[key] = callback
 
     def get_from_msg(self, key: Any) -> Callable[[Any], Any]:
-        """Return a registered function; raise `TypeException` if there is none."""
+        """Return the function that creates objects of a type from messages; raise `TypeException` if there is none."""
         return _get_registered(self._from_msg, key)
 
     def get_to_msg(self, key: Any) -> Callable[[Any], Any]:
-        """Return a registered function; raise `TypeException` if there is none."""
+        """Return the function that creates messages from objects of a type; raise `TypeException` if there is none."""
         return _get_registered(self._to_msg, key)
 
     def get_convert(self, key: Any) -> Callable[[Any], Any]:
-        """Return a registered function; raise `TypeException` if there is none."""
+        """Return the function that converts between a tuple of types; raise `TypeException` if there is none."""
         return _get_registered(self._convert, key)
 
 
 def convert(a: Any, b_type: Any) -> Any:
-    """Convert an object to another type, directly if that is registered, else by way of a message.
+    """Convert an object to another type, by a direct conversion if one is registered, else by way of a message.
 
     Raises:
         TypeException: no conversion is registered.

@@ -1,4 +1,4 @@
-"""Broadcasters of transforms that change, and of static ones."""
+"""Broadcasters: publishers of changing transforms, and of static transforms."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -10,18 +10,18 @@ from tf2_msgs.msg import TFMessage
 
 
 class TransformBroadcaster:
-    """Publisher on ``/tf``; `qos` is a profile or a depth, by default 100."""
+    """Publisher of transforms on ``/tf``; `qos` is a profile or a depth, by default 100."""
 
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
         self.pub_tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100) if qos is None else qos)
 
     def sendTransform(self, transform: Any) -> None:
-        """Publish one transform, or several."""
+        """Publish one transform, or several transforms in one message."""
         self.pub_tf.publish(TFMessage(transforms=_as_list(transform)))
 
 
 class StaticTransformBroadcaster:
-    """Publisher on ``/tf_static`` for transforms that are valid at all times; `qos` is a profile or a depth."""
+    """Publisher of transforms that are valid at all times on ``/tf_static``; `qos` is a profile or a depth."""
 
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
         if qos is None:
@@ -31,7 +31,10 @@ class StaticTransformBroadcaster:
         self._rosidl_child_frame_ids: set[str] = set()
 
     def sendTransform(self, transform: Any) -> None:
-        """Publish transforms, together with all earlier ones; the first one of each child frame is retained."""
+        """Publish one or several transforms, together with all earlier transforms of this broadcaster.
+
+        A further transform for a child frame that has one already is ignored.
+        """
         for item in _as_list(transform):
             if item.child_frame_id not in self._rosidl_child_frame_ids:
                 self._rosidl_child_frame_ids.add(item.child_frame_id)
@@ -40,5 +43,5 @@ class StaticTransformBroadcaster:
 
 
 def _as_list(transform: Any) -> list[Any]:
-    """Return one transform or several as a list."""
+    """Return a list of transforms from one transform or several."""
     return list(transform) if isinstance(transform, Iterable) else [transform]

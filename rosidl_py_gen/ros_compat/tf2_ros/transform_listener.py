@@ -1,4 +1,4 @@
-"""Listener that fills a buffer from ``/tf`` and ``/tf_static``."""
+"""Listener that fills a buffer of transforms from ``/tf`` and ``/tf_static``."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _AUTHORITY = "default_authority"
 
 
 class TransformListener:
-    """Subscriptions that fill a buffer, in a callback group of their own.
+    """Subscriptions that fill a buffer of transforms, in a callback group of their own.
 
     Args:
         qos: profile or depth for ``/tf``. [default: depth 100]
         static_qos: profile or depth for ``/tf_static``. [default: depth 100, transient local]
-        tf_topic: other name of ``/tf``.
-        tf_static_topic: other name of ``/tf_static``.
+        tf_topic: name of the topic instead of ``/tf``.
+        tf_static_topic: name of the topic instead of ``/tf_static``.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Transformation of point clouds."""
+"""Transformation of point clouds between frames."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from rosidl_py_gen.numpy import quaternion_to_matrix
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """Return the message."""
+    """Return the argument, which is a message already."""
     return msg
 
 
@@ -22,7 +22,7 @@ from_msg_msg = to_msg_msg
 
 
 def transform_points(point_cloud: Any, transform: Transform) -> np.ndarray[Any, np.dtype[Any]]:
-    """Rotate and translate points of shape ``(n, 3)``."""
+    """Return points, an array of shape ``(n, 3)``, rotated and translated by a transform."""
     translation, rotation = transform.translation, transform.rotation
     points = np.asarray(point_cloud)
     if rotation.x or rotation.y or rotation.z or rotation.w:  # a zero quaternion is not a rotation
@@ -32,7 +32,7 @@ def transform_points(point_cloud: Any, transform: Transform) -> np.ndarray[Any, 
 
 
 def do_transform_cloud(cloud: PointCloud2, transform: Transform | TransformStamped) -> PointCloud2:
-    """Transform a cloud to one of a single row; fields other than x, y and z, and the stamp, are unchanged.
+    """Return a transformed cloud, which has a single row; fields other than x, y and z, and the stamp, are unchanged.
 
     A TransformStamped sets the frame of the result; a Transform does not change the frame.
 

@@ -67,55 +67,55 @@ def identity_matrix() -> Any:
 
 
 def translation_matrix(direction: Any) -> Any:
-    """Return the matrix that moves by a vector."""
+    """Return the 4 x 4 matrix that moves points by a vector."""
     return affines.compose(direction, ROTATION_IDENTITY, ZOOM_IDENTITY)
 
 
 def translation_from_matrix(matrix: Any) -> Any:
-    """Return the vector by which a matrix moves."""
+    """Return the vector by which a 4 x 4 matrix moves points."""
     return _array(matrix)[:-1, -1]
 
 
 def reflection_matrix(point: Any, normal: Any) -> Any:
-    """Return the matrix that mirrors at the plane of a point and its normal."""
+    """Return the 4 x 4 matrix that mirrors at a plane, given by a point and its normal."""
     return reflections.rfnorm2aff(normal, point[:3])
 
 
 def reflection_from_matrix(matrix: Any) -> tuple[Any, Any]:
-    """Return point and normal of the plane; raise ValueError for a matrix that does not mirror."""
+    """Return point and normal of the plane at which a matrix mirrors; raise ValueError if it does not mirror."""
     normal, point = reflections.aff2rfnorm(matrix)
     return point, normal
 
 
 def rotation_matrix(angle: float, direction: Any, point: Any = None) -> Any:
-    """Return the matrix that turns about an axis, through a point."""
+    """Return the 4 x 4 matrix that turns by an angle about an axis, through a point."""
     return axangles.axangle2aff(direction, angle, point=point)
 
 
 def rotation_from_matrix(matrix: Any) -> tuple[float, Any, Any]:
-    """Return angle, axis and a point of length 4; raise ValueError for a matrix that does not turn."""
+    """Return angle, axis and a point of the axis (4 numbers); raise ValueError if the matrix does not turn."""
     direction, angle, point = axangles.aff2axangle(matrix)
     return angle, direction, point
 
 
 def scale_matrix(factor: float, origin: Any = None, direction: Any = None) -> Any:
-    """Return the matrix that scales around an origin, along a direction or along all."""
+    """Return the 4 x 4 matrix that scales from an origin, along one direction or along all directions."""
     return zooms.zfdir2aff(factor, direction=direction, origin=origin)
 
 
 def scale_from_matrix(matrix: Any) -> tuple[float, Any, Any]:
-    """Return factor, origin and direction; the direction is None for all directions."""
+    """Return factor, origin and direction of a scaling matrix; the direction is None for all directions."""
     factor, direction, origin = zooms.aff2zfdir(matrix)
     return factor, origin, direction
 
 
 def shear_matrix(angle: float, direction: Any, point: Any, normal: Any) -> Any:
-    """Return the matrix that shears along a direction in the plane of a point and its normal."""
+    """Return the 4 x 4 matrix that shears by an angle along a direction, in a plane given by a point and its normal."""
     return shears.sadn2aff(angle, direction, normal, point)
 
 
 def shear_from_matrix(matrix: Any) -> tuple[float, Any, Any, Any]:
-    """Return angle, direction, point and normal."""
+    """Return angle, direction, point and normal of a shearing matrix."""
     angle, direction, normal, point = shears.aff2sadn(matrix)
     return angle, direction, point, normal
 
@@ -123,9 +123,9 @@ def shear_from_matrix(matrix: Any) -> tuple[float, Any, Any, Any]:
 def projection_matrix(
     point: Any, normal: Any, direction: Any = None, perspective: Any = None, pseudo: bool = False
 ) -> Any:
-    """Return the matrix that projects on a plane: at right angles, along `direction`, or to `perspective`.
+    """Return the 4 x 4 matrix that projects on a plane: at right angles, along `direction`, or to `perspective`.
 
-    With `pseudo`, a perspective projection keeps relative depths.
+    With `pseudo`, a perspective projection retains relative depths.
     """
     return _gohlke.projection_matrix(_array(point), _array(normal), _array(direction), _array(perspective), pseudo)
 
@@ -137,7 +137,7 @@ def projection_from_matrix(matrix: Any, pseudo: bool = False) -> tuple[Any, Any,
 
 
 def decompose_matrix(matrix: Any) -> tuple[Any, Any, tuple[float, float, float], Any, None]:
-    """Return scales, shears, angles, translation, and None for a perspective; raise LinAlgError for a singular one."""
+    """Return scales, shears, angles, translation, and None (perspective) of a matrix; raise LinAlgError if singular."""
     translation, rotation, scales, shear = affines.decompose(matrix)
     return scales, shear, euler_from_matrix(rotation), translation, None
 
@@ -145,7 +145,7 @@ def decompose_matrix(matrix: Any) -> tuple[Any, Any, tuple[float, float, float],
 def compose_matrix(
     scale: Any = None, shear: Any = None, angles: Any = None, translate: Any = None, perspective: Any = None
 ) -> Any:
-    """Return the matrix that shears, scales, turns about x, y, z, and moves; `perspective` is ignored."""
+    """Return the 4 x 4 matrix that shears, scales, turns about x, y and z, and moves; `perspective` is ignored."""
     return affines.compose(
         TRANSLATION_IDENTITY if translate is None else translate,
         ROTATION_IDENTITY if angles is None else euler.euler2mat(*angles),
@@ -155,7 +155,7 @@ def compose_matrix(
 
 
 def superimposition_matrix(v0: Any, v1: Any, scaling: bool = False, usesvd: bool = True) -> Any:
-    """Return the matrix that turns and moves points onto others as nearly as possible, and scales with `scaling`.
+    """Return the 4 x 4 matrix that turns and moves points onto others as nearly as possible; `scaling` also scales.
 
     Points are arrays of shape (3, n) or (4, n) with n at least 3; other shapes raise ValueError.
     """
@@ -163,33 +163,33 @@ def superimposition_matrix(v0: Any, v1: Any, scaling: bool = False, usesvd: bool
 
 
 def euler_matrix(ai: float, aj: float, ak: float, axes: Any = "sxyz") -> Any:
-    """Return the 4 x 4 rotation of three angles; `axes` is one of 24 sequences, as a string or tuple."""
+    """Return the 4 x 4 rotation by three angles; `axes` is one of 24 sequences of axes, as a string or tuple."""
     return _homogeneous(euler.euler2mat(ai, aj, ak, axes=axes))
 
 
 def euler_from_matrix(matrix: Any, axes: Any = "sxyz") -> tuple[float, float, float]:
-    """Return the three angles of a rotation, 3 x 3 or 4 x 4."""
+    """Return the three angles of a rotation matrix, 3 x 3 or 4 x 4."""
     first, second, third = euler.mat2euler(_array(matrix), axes=axes)
     return first, second, third
 
 
 def euler_from_quaternion(quaternion: Any, axes: Any = "sxyz") -> tuple[float, float, float]:
-    """Return the three angles of a quaternion."""
+    """Return the three angles of the rotation of a quaternion."""
     return euler_from_matrix(quaternion_matrix(quaternion), axes)
 
 
 def quaternion_from_euler(ai: float, aj: float, ak: float, axes: Any = "sxyz") -> _Quaternion:
-    """Return the quaternion of three angles."""
+    """Return the quaternion of the rotation by three angles."""
     return _xyzw(euler.euler2quat(ai, aj, ak, axes=axes))
 
 
 def quaternion_about_axis(angle: float, axis: Any) -> _Quaternion:
-    """Return the quaternion of an angle about an axis of any length."""
+    """Return the quaternion of the rotation by an angle about an axis of any length."""
     return _xyzw(quaternions.axangle2quat(axis, angle))
 
 
 def quaternion_matrix(quaternion: Any) -> Any:
-    """Return the 4 x 4 rotation of a quaternion of any length."""
+    """Return the 4 x 4 rotation matrix of a quaternion of any length."""
     return _homogeneous(quaternions.quat2mat(_wxyz(quaternion)))
 
 
@@ -219,7 +219,7 @@ def random_quaternion(rand: Any = None) -> Any:
 
 
 class Arcball(_gohlke.Arcball):  # type: ignore[misc]
-    """Virtual trackball control; `initial` is a quaternion or a 4 x 4 matrix."""
+    """Virtual trackball, with which a pointer turns objects; `initial` is a quaternion or a 4 x 4 matrix."""
 
     def __init__(self, initial: Any = None) -> None:
         if np.shape(initial) == (4,):
@@ -227,14 +227,14 @@ class Arcball(_gohlke.Arcball):  # type: ignore[misc]
         super().__init__(initial)
 
     def setconstrain(self, constrain: bool) -> None:
-        """Make it turn about one of its axes only, or freely."""
+        """Allow rotations about one of the trackball's axes only, or all rotations."""
         self.constrain = constrain is True
 
     def getconstrain(self) -> bool:
-        """Return True if it turns about one of its axes only."""
+        """Return True if only rotations about one of the trackball's axes are allowed."""
         return bool(self.constrain)
 
 
 def arcball_nearest_axis(point: Any, axes: Any) -> Any:
-    """Return the axis whose arc is nearest to a point."""
+    """Return the axis whose arc on the trackball is nearest to a point."""
     return _gohlke.arcball_nearest_axis(_array(point), axes)

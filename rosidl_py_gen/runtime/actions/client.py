@@ -73,7 +73,7 @@ _CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
 
 
 class ClientGoal(Generic[ActionT_co]):
-    """Accepted goal, from `ActionClient.send_goal`. Type checkers see `ClientGoal[Fibonacci]`."""
+    """Goal that a server has accepted, from `ActionClient.send_goal`. Type checkers see `ClientGoal[Fibonacci]`."""
 
     def __init__(
         self,
@@ -84,14 +84,14 @@ class ClientGoal(Generic[ActionT_co]):
         scope: EntityScope,
     ) -> None:
         self.goal_id: bytes = goal_id
-        """16 bytes."""
+        """UUID of the goal, 16 bytes."""
         self._goal: Any = goal
         self._cancel = cancel
         self._scope = scope
         self._status = GoalStatus.UNKNOWN
         self._accepted_stamp: Time | None = None
         self._accepted_s: float | None = None
-        """Time of acceptance by the event loop's clock."""
+        """Time when the acceptance arrived, by the event loop's clock; None before."""
         self._feedback: AsyncQueue[Any] = AsyncQueue(feedback_depth)
         self._outcome: tuple[GoalStatus, Any] | None = None
         self._error: BaseException | None = None
@@ -103,7 +103,7 @@ class ClientGoal(Generic[ActionT_co]):
             self._status = GoalStatus.ACCEPTED
 
     def _on_status(self, number: int) -> None:
-        """Record a status of the status topic. It may lag behind the replies, so the status never goes back."""
+        """Record a status from the status topic, unless a later status is known: the topic may lag behind replies."""
         status = STATUSES.get(number)
         if status is not None and status > self._status:
             self._status = status
@@ -115,7 +115,7 @@ class ClientGoal(Generic[ActionT_co]):
             self._waiters.wake()
 
     def _on_error(self, error: BaseException) -> None:
-        """Record that no result will arrive: waiters for the result or feedback get the error."""
+        """Record that no result will arrive: tasks that wait for the result or feedback get the error."""
         if not self.is_done:
             self._error = error
             self._feedback.close(error)
@@ -123,13 +123,13 @@ class ClientGoal(Generic[ActionT_co]):
 
     @property
     def goal(self: ClientGoal[Action[GoalT, Any, Any]]) -> GoalT:
-        """Goal message that was sent."""
+        """Goal message that was sent to the server."""
         goal: GoalT = self._goal
         return goal
 
     @property
     def status(self) -> GoalStatus:
-        """Newest status that was received."""
+        """Newest status of the goal that was received."""
         return self._status
 
     @property
@@ -148,7 +148,7 @@ class ClientGoal(Generic[ActionT_co]):
         return self._feedback.dropped
 
     def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> AsyncQueue[FeedbackT]:
-        """Return the queue of all feedback; the iteration ends when the result arrives.
+        """Return the queue of all feedback of the goal; iterating over the queue ends when the result arrives.
 
         The iteration raises `ActionServerLostError` or `ClosedError` if no result will arrive.
         """
@@ -157,7 +157,7 @@ class ClientGoal(Generic[ActionT_co]):
     async def result(
         self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
     ) -> tuple[GoalStatus, ResultT]:
-        """Wait for the end of the goal; may be called repeatedly, and by several tasks.
+        """Wait for the end of the goal, and return its status and result; several tasks may call it repeatedly.
 
         Raises:
             ActionTimeoutError: the goal has not ended within `timeout_s`; it continues.
@@ -179,7 +179,7 @@ class ClientGoal(Generic[ActionT_co]):
     result_sync = blocking(result)
 
     async def cancel(self, timeout_s: float | None = None) -> None:
-        """Request to cancel the goal, and wait for the server's consent. The goal ends later, see `result`.
+        """Request to cancel the goal, and wait for the server's consent. The goal ends later; `result` waits for that.
 
         Raises:
             CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server refused.
@@ -196,7 +196,7 @@ class ClientGoal(Generic[ActionT_co]):
 
 
 class ActionClient(ActionEntity, Generic[ActionT_co]):
-    """Action client; created by `create_action_client`."""
+    """Client of an action, created by `Node.create_action_client`."""
 
     def __init__(
         self,
@@ -240,11 +240,11 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         return self._is_available.get()
 
     def server_is_ready(self) -> bool:
-        """Return `server_is_available()`; the name in rclpy."""
+        """Return `server_is_available()`; for compatibility with rclpy."""
         return self.server_is_available()
 
     def _missing(self) -> list[str]:
-        """Return the names of the services and topics without a matched server."""
+        """Return the names of the action's services and topics for which no server is matched."""
         services = (self._send, self._cancel, self._result.client)
         missing = [client.name for client in services if not client.service_is_available()]
         return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
@@ -257,7 +257,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         return next((topic._why_unmatched() for topic in silent), "")
 
     async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until `server_is_available`.
+        """Wait until all three services and both topics of a server are matched.
 
         Raises:
             WaitTimeoutError: no server was matched within `timeout_s`.
@@ -281,9 +281,11 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         *,
         goal_id: bytes | None = None,
     ) -> ClientGoal[ActionT_co]:
-        """Wait for a server, send a goal, and wait until it is accepted.
+        """Wait for a server, send a goal, wait until the server accepts the goal, and return the accepted goal.
 
         Args:
+            goal: goal message.
+            timeout_s: time for all of this; None waits forever.
             goal_id: 16 bytes, not all zero; None: a random UUID.
 
         Raises:
@@ -292,7 +294,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             ActionServerLostError: the server disappeared before it replied; it may have accepted the goal.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: `goal_id` is not a goal id, or belongs to a goal that has not ended.
-            IncompatibleServiceError: as in `server_is_available`.
+            IncompatibleServiceError: the only servers are Fast DDS servers that cannot be used.
             ClosedError: the client is closed.
         """
         self._require_open()
@@ -364,7 +366,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             goal._on_error(error)
 
     async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
-        """Request to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
+        """Request to cancel one goal, which another client may have sent, and wait for the server's consent.
 
         Raises:
             ActionArgumentError: `goal_id` is not a goal id.
@@ -392,7 +394,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             raise CancelRejectedError(f"action server {self.name} refused to cancel {subject}")
 
     def _may_be_unregistered(self, goal_id: bytes) -> bool:
-        """Return True if the server may not have registered the accepted goal yet; see `result_requests.py`."""
+        """Return True if a goal was accepted so recently that the server may not have registered it yet.
+
+        A server of rclcpp sends its reply before it registers the goal (see `result_requests.py`).
+        """
         goal = self._goals.get(goal_id)
         if goal is None or goal._accepted_s is None:
             return False
@@ -401,7 +406,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
     cancel_goal_sync = blocking(cancel_goal)
 
     async def cancel_all(self, timeout_s: float | None = None) -> list[bytes]:
-        """Request to cancel every goal of the server, including other clients'; return the ids being cancelled.
+        """Request to cancel all goals of the server, also of other clients; return the ids of the cancelling goals.
 
         Raises:
             CancelRejectedError: the server refused for all of its goals.
@@ -414,7 +419,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
     cancel_all_sync = blocking(cancel_all)
 
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
-        """Request to cancel every goal that was accepted at `stamp` or earlier; returns as `cancel_all`.
+        """Request to cancel every goal accepted at `stamp` or earlier; return the ids of the goals being cancelled.
 
         Raises:
             ActionArgumentError: `stamp` is zero, which selects all goals.
@@ -465,7 +470,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         return entity_repr(self, self.name, self.action_type, peers=lambda: len(self._send._servers()), peer="server")
 
     def close(self) -> None:
-        """Close the client: waiters get `ClosedError`, feedback ends. May be called twice."""
+        """Close the client: tasks that wait for a result get `ClosedError`, feedback ends. May be called twice."""
         for goal in list(self._goals.values()):
             goal._on_error(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()

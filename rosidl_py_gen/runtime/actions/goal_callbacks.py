@@ -1,14 +1,15 @@
-"""User functions of an action server: decisions about goals and cancels, and the execution of goals.
+"""User functions of an action server: decisions about goals and cancel requests, and the execution of goals.
 
-A program that iterates over the requests decides without functions. A callback accepts with None, which functions
+A program that iterates over the requests decides without callbacks. A callback accepts with None, which functions
 without a return statement return, or with a true value. A callback that raises refuses. A goal request that the program
 drops without a decision is rejected with a warning, so that its client gets a reply and the server can accept other
 goals. A cancel request is refused at the latest when its goal ends.
 
-The execution waits until clients receive feedback, then calls `execute` once for each goal. The value that `execute`
-returns is the result of its goal, also if it has ended the goal without a result before. If it raises, its own
-CancelledError included, or returns without a result, its goal ends as ABORTED. A plain function runs in a daemon thread
-of its own: any number of goals run at once, and one that never returns does not keep the program alive.
+The execution waits until clients can receive feedback, then calls `execute` once for each goal. The value that
+`execute` returns is the result of its goal, also if `execute` has ended the goal without a result before. If `execute`
+raises, its own CancelledError included, or returns without a result, its goal ends as ABORTED. A plain function runs in
+a daemon thread of its own: any number of goals run at once, and a function that never returns does not keep the program
+alive.
 """
 
 from __future__ import annotations
@@ -43,7 +44,15 @@ T = TypeVar("T")
 def request_decision(
     callback: UserCallback, argument: object, reply: asyncio.Future[T], apply: Callable[[GoalDecision], T], refusal: T
 ) -> None:
-    """Call a callback and set `reply` to what `apply` makes of its decision, or to `refusal` if it fails."""
+    """Call a goal or cancel callback, and set the future `reply` when the callback has decided.
+
+    Args:
+        callback: user's function.
+        argument: argument of the callback.
+        reply: future, which may be done already; then it keeps its result.
+        apply: applies the decision, and returns the result of `reply`.
+        refusal: result of `reply` if the callback raises.
+    """
 
     def on_result(value: object) -> None:
         if not isinstance(value, GoalDecision):
@@ -58,9 +67,9 @@ def request_decision(
 
 
 class GoalRequest(Generic[ActionT_co]):
-    """Goal that waits for `accept`, `defer` or `reject`, from iterating over an action server. Thread: any.
+    """Goal that a client has sent, from iterating over an action server: `accept`, `defer` or `reject` it. Thread: any.
 
-    If the program drops it without a decision, it is rejected with a warning.
+    If the program drops the request without a decision, the goal is rejected with a warning.
     """
 
     def __init__(
@@ -76,7 +85,7 @@ class GoalRequest(Generic[ActionT_co]):
 
     @property
     def goal_id(self) -> bytes:
-        """16 bytes."""
+        """UUID of the goal, 16 bytes."""
         return self._goal.goal_id
 
     @property
@@ -85,9 +94,9 @@ class GoalRequest(Generic[ActionT_co]):
         return self._goal.request
 
     def accept(self) -> ServerGoal[ActionT_co]:
-        """Accept and start the goal: it is EXECUTING, and the caller must end it.
+        """Accept and start the goal, and return it: the goal is EXECUTING, and the caller must end it.
 
-        With the policies ``"queue"`` and ``"preempt"`` it may be queued, and is ACCEPTED until
+        With the policies ``"queue"`` and ``"preempt"`` the goal may be queued, and is ACCEPTED until
         ``await goal.started()`` returns.
 
         Raises:
@@ -97,11 +106,20 @@ class GoalRequest(Generic[ActionT_co]):
         return self._decide(GoalDecision.ACCEPT)
 
     def defer(self) -> ServerGoal[ActionT_co]:
-        """Accept the goal; it stays ACCEPTED until its `execute` is called. Raises as `accept`."""
+        """Accept the goal, and return it; the goal stays ACCEPTED until its `execute` is called.
+
+        Raises:
+            AlreadyRespondedError: a decision was made already, or another goal was accepted and the policy is
+                ``"reject"``.
+        """
         return self._decide(GoalDecision.DEFER)
 
     def reject(self) -> None:
-        """Reject the goal."""
+        """Reject the goal.
+
+        Raises:
+            AlreadyRespondedError: a decision was made already.
+        """
         self._decide(GoalDecision.REJECT)
 
     def _decide(self, decision: GoalDecision) -> ServerGoal[ActionT_co]:
@@ -120,7 +138,7 @@ class GoalRequest(Generic[ActionT_co]):
 
 
 class CancelRequest(Generic[ActionT_co]):
-    """Request to cancel one goal, from `ActionServer.cancel_requests`."""
+    """Request of a client to cancel one goal, from iterating over `ActionServer.cancel_requests`."""
 
     def __init__(self, goal: ServerGoal[ActionT_co], reply: asyncio.Future[bool]) -> None:
         self.goal: ServerGoal[ActionT_co] = goal
@@ -128,14 +146,21 @@ class CancelRequest(Generic[ActionT_co]):
         self._reply = reply
 
     def accept(self) -> None:
-        """Make the goal CANCELING; its execute function ends it, for example with `goal.canceled`.
+        """Accept: the goal becomes CANCELING, and its execute function ends it, for example with `goal.canceled`.
 
         A goal that has not started ends as CANCELED.
+
+        Raises:
+            AlreadyRespondedError: a decision was made already, or the goal has ended.
         """
         self._decide(True)
 
     def reject(self) -> None:
-        """Refuse; the goal continues."""
+        """Refuse to cancel the goal, which continues.
+
+        Raises:
+            AlreadyRespondedError: a decision was made already, or the goal has ended.
+        """
         self._decide(False)
 
     def _decide(self, accepted: bool) -> None:
@@ -145,18 +170,24 @@ class CancelRequest(Generic[ActionT_co]):
 
 
 _MATCH_GRACE_S = 0.1
-"""Time for completely discovered nodes to match their feedback subscription. They need some milliseconds; a larger
-value delays the first goal of a client that never subscribes."""
+"""Time for completely discovered client nodes to match their feedback subscription, before the first goal runs.
+
+Nodes need some milliseconds; a larger value delays the first goal of a client that never subscribes.
+"""
 _DISCOVERY_TIMEOUT_S = 2.0
-"""The same for nodes whose endpoints are not all discovered yet: endpoints of Fast DDS may be 1.2 s late
-(docs/internals/dds.md 6)."""
+"""Time for client nodes that are not completely discovered to match their feedback subscription.
+
+Endpoints of Fast DDS may be discovered 1.2 s late (docs/internals/dds.md 6).
+"""
 _FIRST_HEARTBEAT_S = 0.01
-"""Time for the first heartbeat to a new reader, which comes some milliseconds after the match. Without it the first
-feedback of every tenth new client was lost (measured)."""
+"""Time for the first DDS heartbeat to a new reader, which arrives some milliseconds after the match.
+
+Without this time the first feedback of every tenth new client was lost (measured).
+"""
 
 
 class FeedbackReadiness:
-    """Waits until the feedback subscriptions of all clients are matched, before the first goal after they changed.
+    """Check that all clients have matched the feedback topic, which the first goal after a change of clients awaits.
 
     A new client may be matched at the goal service before the feedback topic, and feedback that is published in between
     is lost. So is a sample that a reliable DDS writer sends before the first heartbeat of a new reader. Participants
@@ -171,11 +202,11 @@ class FeedbackReadiness:
         self._unreachable: set[bytes] = set()
 
     def is_satisfied(self) -> bool:
-        """Return True if the clients are the same as after the last `wait`."""
+        """Return True if the clients of the action are the same as after the last `wait`."""
         return self._goals.matched_clients() == self._ready_clients
 
     async def wait(self) -> None:
-        """Wait until every client has matched the feedback topic, or its time is over."""
+        """Wait until every client of the action has matched the feedback topic, or the time to do so is over."""
         graph, time = self._scope.graph, asyncio.get_running_loop().time
         grace_end_s, clients = time() + _MATCH_GRACE_S, self._goals.matched_clients()
 
@@ -192,7 +223,13 @@ class FeedbackReadiness:
         self._ready_clients = clients
 
     def _missing(self, clients: list[bytes]) -> set[bytes]:
-        """Return the participants of these clients without a matched feedback subscription."""
+        """Return the participants of clients without a matched feedback subscription.
+
+        Participants that did not subscribe in time before are left out.
+
+        Args:
+            clients: endpoints of the clients; clients that have disappeared do not count.
+        """
         participant_of, matched = self._scope.graph.participant_of, self._goals.matched_clients()
         self._unreachable &= {participant_of(guid) or guid for guid in matched}
         participants = {participant_of(guid) or guid for guid in matched if guid in clients}
@@ -201,7 +238,11 @@ class FeedbackReadiness:
 
 
 class ExecuteFunction:
-    """The execute function of one action server, with its calls; `complete` is `ServerGoals.complete`."""
+    """Execute function (user's function that executes a goal) of one action server, with its running calls.
+
+    Args:
+        complete: `ServerGoals.complete`, which gets the returned results.
+    """
 
     def __init__(
         self,
@@ -220,7 +261,7 @@ class ExecuteFunction:
         self._readiness = readiness
 
     def run(self, goal: ServerGoal[Any]) -> None:
-        """Call the function for a goal that is EXECUTING or CANCELING."""
+        """Call the execute function for a goal that is EXECUTING or CANCELING."""
         task = self._callback.call(goal, on_result=partial(self._on_return, goal))
         if task is not None:
             task.add_done_callback(lambda _: self._on_end(goal))

@@ -2,18 +2,19 @@
 
 Every server of the action's name receives a request, and replies UNKNOWN if it was started after the goal was accepted.
 So UNKNOWN is ignored while a server that may have accepted the goal is present. When all of these have disappeared, the
-present servers get the request; if there are none for `server_lost_timeout_s`, the result is lost.
+present servers get the request; if there are no servers for `server_lost_timeout_s`, the result is lost.
 
-One timer for all goals checks what is not announced:
+One timer for all goals checks for conditions that no event reports:
 
 - Servers queue few requests, and silently drop older ones. If the status topic reports the end of a goal and no result
   arrives, the request is repeated, with doubling delays; earlier requests may still be answered. If a server that
   accepted the goal replies UNKNOWN after the end, the request is repeated at most `_MAX_UNKNOWN_REPLIES` times.
 - A killed server is announced until its lease ends. If a second node of the same name appears, its server gets the
-  request. If that one replies UNKNOWN and the old one acknowledges nothing, the goal ended with the old process.
+  request. If the new server replies UNKNOWN and the old one acknowledges nothing, the goal ended with the old process.
 
 A server of rclcpp sends the goal response before it registers the goal, so that a request in between is answered with
-UNKNOWN. A server that may have accepted the goal and replies so within `REGISTRATION_TIMEOUT_S` gets another request.
+UNKNOWN. A server that may have accepted the goal and replies UNKNOWN within `REGISTRATION_TIMEOUT_S` gets another
+request.
 
 A goal costs no task and no future, because results are pending for as long as goals run.
 Source: docs/internals/protocol.md 8.3, 8.5.
@@ -41,21 +42,26 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
 
 CHECK_INTERVAL_S = 0.5
-"""Interval of the checks of servers while results are pending."""
+"""Interval at which an action client checks its servers while results are pending."""
 _BATCH_INTERVAL_S = 0.01
-"""Interval between bursts of requests: a server only records them, and replies much later."""
+"""Interval between bursts of result requests; it delays no result, because servers reply when goals end."""
 RETRY_DELAY_S = 0.5
-"""Time from the end of a goal until its request is repeated; doubles each time."""
+"""Time from the end of a goal until the request for its result is repeated; doubles with each repetition."""
 _MAX_UNKNOWN_REPLIES = 3
-"""Number of UNKNOWN replies about an ended goal that are accepted from servers that must know it."""
+"""Number of UNKNOWN replies about an ended goal, from servers that accepted it, after which UNKNOWN is its result."""
 ACK_TIMEOUT_S = 1.0
-"""Time without acknowledgement after which a server is considered dead if a second node of the same name exists. A
-server that lives acknowledges within milliseconds."""
+"""Time without acknowledgement after which an action server is considered dead if a second node has its node's name.
+
+A server that lives acknowledges within milliseconds.
+"""
 REGISTRATION_TIMEOUT_S = 2.0
-"""Time after the acceptance of a goal in which UNKNOWN may mean that the server has not registered the goal yet. rclcpp
-needs less than 1 ms for that on an idle machine. A larger value delays the error for a goal that is really unknown."""
+"""Time after the acceptance of a goal in which UNKNOWN may mean that the server has not registered the goal yet.
+
+rclcpp needs less than 1 ms to register a goal on an idle machine. A larger value delays the error for a goal that is
+really unknown.
+"""
 FIRST_RETRY_DELAY_S = 0.02
-"""Time until such a server gets another request; each further retry waits twice as long."""
+"""Time until a server that may not have registered a goal gets another request; doubles with each retry."""
 
 
 @dataclass(slots=True, eq=False)
@@ -63,18 +69,22 @@ class _ResultRequest:
     """Pending result of one goal.
 
     Attributes:
+        request: get_result request.
+        on_reply: called with the response.
+        on_error: called with the exception if there is no response.
         has_ended: returns True once the goal is known to have ended.
-        accepted_s: loop time of the acceptance.
+        accepted_s: loop time when the goal was accepted.
         candidate_servers: reply writers of the servers that may know the goal.
-        initial_servers: those that existed when it was accepted.
-        requested_servers: all servers that received a request.
-        sequence_numbers: of the requests; empty while there is no server.
-        repeat_at_s: time to repeat the request; 0 while the goal continues.
+        initial_servers: reply writers of the servers that existed when the goal was accepted.
+        requested_servers: reply writers of all servers that received a request.
+        sequence_numbers: sequence numbers of the requests; empty while there is no server.
+        repeat_at_s: loop time to repeat the request; 0 while the goal continues.
         repeat_interval_s: delay that leads to `repeat_at_s`.
         unknown_count: number of UNKNOWN replies of `initial_servers` after the goal has ended.
-        unknown_reply: UNKNOWN of a server that was started later, and its time.
-        is_early: a server of `initial_servers` replied UNKNOWN before it may have registered the goal.
+        unknown_reply: UNKNOWN reply that was ignored, because another server may know the goal, and its loop time.
+        is_early: a server of `initial_servers` replied UNKNOWN, perhaps because it had not registered the goal yet.
         is_retrying: another request is sent after `retry_delay_s`.
+        retry_delay_s: delay of the next retry.
     """
 
     request: Any
@@ -124,9 +134,10 @@ class ResultRequester:
         on_error: Callable[[Exception], None],
         has_ended: Callable[[], bool],
     ) -> None:
-        """Request the result of a goal that was just accepted; calls `on_reply` or `on_error` once.
+        """Request the result of a goal that was just accepted; call `on_reply` or `on_error` once.
 
         Args:
+            request: get_result request.
             on_reply: called with the response.
             on_error: called with `ActionServerLostError`, `DecodeError` or `ClosedError`.
             has_ended: returns True once the goal is known to have ended.
@@ -141,7 +152,7 @@ class ResultRequester:
             self._check_timer = loop.call_later(CHECK_INTERVAL_S, self._check_servers)
 
     def _restart(self, pending: _ResultRequest) -> None:
-        """Withdraw earlier requests, and send one to the present servers."""
+        """Withdraw earlier requests for a result, and send a new request to the present servers, if there are any."""
         self._abandon(pending)
         pending.is_early = pending.is_retrying = False
         pending.candidate_servers = self.client._servers()
@@ -180,7 +191,7 @@ class ResultRequester:
         return self._accept_unknown(pending, response)
 
     def _accept_unknown(self, pending: _ResultRequest, response: Any) -> bool:
-        """End with UNKNOWN, or return True and retry if the goal may be registered later."""
+        """Report UNKNOWN as the response and return False; retry and return True if the goal may be registered soon."""
         if pending.is_early and not pending.is_retrying:
             pending.is_retrying = True
             self._scope.loop_binding.running_loop().call_later(pending.retry_delay_s, self._retry, pending)
@@ -209,7 +220,7 @@ class ResultRequester:
     # ------------------------------------------------------------------------------------------- check of the servers
 
     def _check_servers(self) -> None:
-        """Check the servers of all pending results, and schedule the next check."""
+        """Check the servers of all pending results, repeat requests where necessary, and schedule the next check."""
         self._check_timer = None
         if not self._pending or self._scope.closed:
             return
@@ -245,7 +256,11 @@ class ResultRequester:
         return UNKNOWN_NODE if endpoint is None else self._scope.graph.node_of(endpoint)
 
     def _restarted_servers(self, pending: _ResultRequest, names: dict[bytes, tuple[str, str]]) -> set[bytes]:
-        """Return newer servers whose node has the name of a node that may know the goal."""
+        """Return the newer servers whose node has the same name as a node that may know the goal.
+
+        Args:
+            names: name of the node of each present server.
+        """
         old = {names[server] for server in pending.candidate_servers if server in names} - {UNKNOWN_NODE, BARE_DDS_NODE}
         return {
             server

@@ -1,4 +1,4 @@
-"""Action servers: the three services in front of a `ServerGoals`.
+"""Action servers: the three services (send_goal, cancel_goal, get_result) that change and read a `ServerGoals`.
 
 Source: docs/internals/protocol.md 8.
 """
@@ -41,7 +41,10 @@ if TYPE_CHECKING:
 
 
 class ActionServer(ActionEntity, Generic[ActionT_co]):
-    """Action server; created by `create_action_server`. Without `execute` it is an async iterator of `GoalRequest`."""
+    """Server of an action, created by `Node.create_action_server`.
+
+    Without `execute`, the server is an async iterator of `GoalRequest`.
+    """
 
     def __init__(
         self,
@@ -64,7 +67,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         self._policy = goal_policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
-        """Replies to goal requests that wait for a decision."""
+        """Goal id -> future of the reply, for goal requests that wait for a decision of the program."""
         parts = self._parts
         self._goals = ServerGoals(
             parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=goal_policy
@@ -94,7 +97,11 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         return self._requests
 
     def cancel_requests(self) -> AsyncQueue[CancelRequest[ActionT_co]]:
-        """Return a queue of cancel requests; from now on each one waits until it is accepted or rejected."""
+        """Return a queue of cancel requests; from now on each request waits until the program accepts or rejects it.
+
+        Raises:
+            TypeError: the server has a `cancel_callback`.
+        """
         if self._cancel_callback is not True:
             raise TypeError(f"action {self.name} has cancel_callback=; its cancel requests cannot be iterated over")
         if self._cancels is None:
@@ -113,7 +120,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         return self._goals.feedback.dropped
 
     def _on_send_goal(self, request: Any) -> Any:
-        """Return the response, or a coroutine if the decision is not made yet."""
+        """Return the response to a goal request, or a coroutine that awaits the decision and returns the response."""
         goal_id = goal_id_of(request)
         self._goals.expire()
         if goal_id in self._goals.table or goal_id in self._undecided:
@@ -201,8 +208,8 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
     def close(self) -> None:
         """Stop serving; may be called twice.
 
-        `is_cancel_requested` of every goal becomes true, execute functions that await something are cancelled,
-        iterators end.
+        `is_cancel_requested` of every goal becomes true, execute functions that await something are cancelled, and
+        iterations over the server and its cancel requests end.
         """
         super().close()
         for reply in list(self._undecided.values()):

@@ -1,11 +1,13 @@
 """Accepted goals of an action server: their start, end, cancellation and expiry.
 
 `states.py` decides which transitions are possible; `ServerGoals` publishes each of them, in order. The status message
-is sent after the service response, because the caller waits for the response, and a write costs as much. Handlers run
-after both. A result is encoded once, when its goal ends, and retained as bytes.
+is sent after the service response, because the caller waits for the response, and writing either message takes equally
+long. Execute functions and callbacks run after both. A result is encoded once, when its goal ends, and retained as
+bytes.
 
-An execute function may end its goal first and return the result afterwards, as those written for rclpy do. So a goal
-that its own execute function ends without a result has its new status at once, and its result when it returns.
+An execute function may end its goal first and return the result afterwards, like execute functions written for rclpy.
+So a goal that its own execute function ends without a result has its new status at once, and its result when the
+function returns.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ T = TypeVar("T")
 
 
 class GoalResult:
-    """Return value of `succeed`, `abort` and `canceled`, so that `execute` may ``return goal.canceled(...)``."""
+    """Return value of `ServerGoal.succeed`, `abort`, `canceled`: `execute` may ``return goal.canceled(...)``."""
 
     __slots__ = ()
 
@@ -56,20 +58,21 @@ FINISHED = GoalResult()
 
 
 def current_task_or_thread() -> object:
-    """Return the running task, or the id of the thread if it runs no event loop."""
+    """Return the running asyncio task, or the id of the thread if the thread runs no event loop."""
     return threading.get_ident() if current_loop() is None else asyncio.current_task()
 
 
 class GoalRecord:
-    """Internal state of a `ServerGoal`, apart from its status, which is in the server's `GoalTable`.
+    """Internal state of a `ServerGoal`, except its status, which is in the server's `GoalTable`.
 
     Attributes:
-        accepted_stamp: by the server's clock; None until the goal is accepted.
-        cancel_requested: a cancel was accepted, or the server is closing.
-        has_started: the goal has begun to execute; stays true after its end.
+        accepted_stamp: time of acceptance by the server's clock; None until the goal is accepted.
+        cancel_requested: a cancel request was accepted, or the server is closing.
+        has_started: the goal has started to execute; stays true after its end.
         executed_by: `current_task_or_thread()` of the execute function while it runs.
         result: encoded get_result response once the goal has ended; empty if the server was closed before.
-        cancel_replies: cancel requests that wait for the program's decision.
+        cancel_replies: replies to cancel requests that wait for the program's decision.
+        changed: tasks that wait for a change of another attribute.
     """
 
     def __init__(self) -> None:
@@ -82,23 +85,23 @@ class GoalRecord:
         self.changed = Waiters()
 
     def request_cancel(self) -> None:
-        """Record that a cancel was accepted, after the change of status, or that the server is closing."""
+        """Record that a cancel request was accepted, after the status has changed, or that the server is closing."""
         self.cancel_requested = True
         self.changed.wake()
 
     def start(self) -> None:
-        """Record that the goal executes."""
+        """Record that the goal has started to execute."""
         self.has_started = True
         self.changed.wake()
 
     def end(self, result: bytes) -> None:
-        """Record the end of the goal, or of the server."""
+        """Record the encoded get_result response when the goal has ended, or ``b""`` when the server closes."""
         self.result = result
         self.changed.wake()
         self.refuse_cancels()
 
     def refuse_cancels(self) -> None:
-        """Refuse the cancel requests that are not decided yet."""
+        """Refuse the cancel requests for the goal that the program has not decided yet."""
         for reply in tuple(self.cancel_replies):  # another thread may close while a cancel arrives
             complete_threadsafe(reply, False)
 
@@ -109,14 +112,17 @@ class GoalRecord:
 
 
 class ServerGoal(Generic[ActionT_co]):
-    """Accepted goal. Type checkers see `ServerGoal[Fibonacci]`. Thread: any, except for the coroutines."""
+    """Goal that an action server has accepted; type checkers see `ServerGoal[Fibonacci]`.
+
+    Thread: any, except for the coroutines.
+    """
 
     def __init__(self, goals: ServerGoals, goal_id: bytes, request: object) -> None:
         self._goals = goals
         self._request: Any = request
         self._record = GoalRecord()
         self.goal_id: bytes = goal_id
-        """16 bytes."""
+        """UUID of the goal, 16 bytes."""
 
     @property
     def request(self: ServerGoal[Action[GoalT, Any, Any]]) -> GoalT:
@@ -147,14 +153,14 @@ class ServerGoal(Generic[ActionT_co]):
         return self._record.cancel_requested
 
     async def wait_for_cancel(self) -> None:
-        """Wait until `is_cancel_requested` is true.
+        """Wait until a cancel request for the goal was accepted, or the server was closed.
 
         There is no blocking form: a plain execute function checks `is_cancel_requested` between two steps of its work.
         """
         await self._record.changed.wait(lambda: self._record.cancel_requested)
 
     async def started(self) -> bool:
-        """Wait until a queued or deferred goal is EXECUTING.
+        """Wait until a queued or deferred goal is EXECUTING, and return True.
 
         There is no blocking form, because goals start on the event loop; an execute function runs only after the start.
 
@@ -177,15 +183,16 @@ class ServerGoal(Generic[ActionT_co]):
     def execute(self) -> None:
         """Start a deferred goal, or queue it with the policies ``"queue"`` and ``"preempt"``.
 
-        Without effect if the goal has started or ended. A deferred goal that is cancelled ends as CANCELED.
+        The method has no effect if the goal has started or ended. A deferred goal that is cancelled ends as CANCELED.
         """
         self._goals.on_loop(lambda: self._goals.start_deferred(self))
 
     def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
-        """End the goal as SUCCEEDED. The result is encoded at once: later changes of it have no effect.
+        """End the goal as SUCCEEDED. The result is encoded at once: later changes of the result have no effect.
 
-        Without `result`, a call from the execute function sends the value that it returns. Any other call sends a
-        default result.
+        Args:
+            result: result message. Without `result`, a call from the execute function sends the value that the function
+                returns. Any other call sends a default result.
 
         Raises:
             GoalTransitionError: the goal has ended, or has not started (see `started`).
@@ -195,14 +202,30 @@ class ServerGoal(Generic[ActionT_co]):
         return self._finish(GoalEvent.SUCCEED, result)
 
     def abort(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
-        """End the goal as ABORTED; raises as `succeed`."""
+        """End the goal as ABORTED. The result is encoded at once: later changes of the result have no effect.
+
+        Args:
+            result: result message. Without `result`, a call from the execute function sends the value that the function
+                returns. Any other call sends a default result.
+
+        Raises:
+            GoalTransitionError: the goal has ended, or has not started (see `started`).
+            EncodeError, TypeError: the result does not fit its type; the goal continues.
+            ClosedError: the server is closed.
+        """
         return self._finish(GoalEvent.ABORT, result)
 
     def canceled(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
-        """End the goal as CANCELED.
+        """End the goal as CANCELED. The result is encoded at once: later changes of the result have no effect.
+
+        Args:
+            result: result message. Without `result`, a call from the execute function sends the value that the function
+                returns. Any other call sends a default result.
 
         Raises:
             GoalTransitionError: no cancel was requested (see `is_cancel_requested`), or the goal has ended.
+            EncodeError, TypeError: the result does not fit its type; the goal continues.
+            ClosedError: the server is closed.
         """
         return self._finish(GoalEvent.CANCELED, result)
 
@@ -223,8 +246,10 @@ class ServerGoals:
         run: called with each goal when it starts.
 
     Attributes:
+        table: status and result of each goal, until the result expires.
         active: goals that have not ended, in the order of acceptance.
-        returning: goals that have ended, whose execute functions have not returned the result yet.
+        returning: goals that have ended, but whose execute functions have not returned the result yet.
+        feedback: publisher of the feedback topic.
     """
 
     def __init__(
@@ -266,7 +291,10 @@ class ServerGoals:
         )
 
     def on_loop(self, function: Callable[[], T]) -> T:
-        """Run `function` on the loop's thread. In other threads, return after the status is published. Thread: any."""
+        """Run `function` on the thread that runs the event loop, and return its result. Thread: any.
+
+        In other threads the method returns only after a changed goal status is published.
+        """
         if self._scope.loop_binding.in_loop_thread():
             return function()
 
@@ -284,7 +312,11 @@ class ServerGoals:
     # ---------------------------------------------------------------------------------------------- start and end
 
     def accept_goal(self, goal: ServerGoal[Any], decision: GoalDecision) -> GoalInfo | None:
-        """Apply a decision to a new goal; return None if it is rejected, by the policy or a closed server, too."""
+        """Apply the program's decision to a new goal.
+
+        Returns:
+            None if the goal is rejected, by the decision, the policy ``"reject"`` or a closed server.
+        """
         if decision is GoalDecision.REJECT or self._scope.closed or (self._policy == "reject" and self.active):
             return None
         info = self.table.accept(goal.goal_id, self._clock.now_ns())
@@ -299,7 +331,7 @@ class ServerGoals:
         return info
 
     def reject_garbage_collected(self, reply: asyncio.Future[GoalInfo | None]) -> None:
-        """Reject a request that the program has dropped without a decision. Thread: any."""
+        """Reject a goal request that the program has dropped without a decision. Thread: any."""
 
         def reject() -> None:
             if not reply.done():
@@ -311,7 +343,7 @@ class ServerGoals:
         self._scope.loop_binding.call_soon(reject)
 
     def start_deferred(self, goal: ServerGoal[Any]) -> None:
-        """Start or queue a deferred goal; without effect if it is started or queued."""
+        """Start or queue a deferred goal; has no effect if the goal was started or queued before."""
         if goal.goal_id in self.active and not goal._record.has_started and goal not in self._queue:
             self._start_or_queue(goal)
 
@@ -335,7 +367,19 @@ class ServerGoals:
         self._run(goal)
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: object | None, *, awaits_return: bool = False) -> None:
-        """End a goal; None is a default result. With `awaits_return`, `complete` passes the result later."""
+        """End a goal.
+
+        Args:
+            goal_id: id of the goal.
+            event: event that ends a goal.
+            result: result message; None is a default result.
+            awaits_return: `complete` will set the result, because the execute function returns it later.
+
+        Raises:
+            GoalTransitionError, UnknownGoalError: the goal cannot end by the event, or its result has expired.
+            EncodeError, TypeError: the result does not fit its type; the goal continues.
+            ClosedError: the server is closed.
+        """
         self._scope.require_open(False, f"action server {self._name}")
         data = self._type.encode_result(TERMINAL_STATUS_OF[event], result)
         self.table.finish(goal_id, event, data, self._clock.now_ns())
@@ -353,9 +397,12 @@ class ServerGoals:
         self.expire()
 
     def complete(self, goal: ServerGoal[Any], result: object | None, *, failed: bool = False) -> bool:
-        """Set the result that `execute` has returned for an ended goal; False if another one was sent before.
+        """Set the result that the execute function has returned for a goal that had ended before.
 
         If the function `failed` instead, the status changes to ABORTED.
+
+        Returns:
+            False if the goal ended with another result, which has been sent.
         """
         _, event = self.returning.get(goal.goal_id, (goal, None))
         if event is None:
@@ -373,7 +420,7 @@ class ServerGoals:
         return True
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
-        """Publish feedback. Thread: any."""
+        """Publish feedback of a goal. Thread: any."""
         if self._scope.loop_binding.in_loop_thread():
             self._status_sender.flush()  # EXECUTING must be published before
         message = self._type.cls.FeedbackMessage()
@@ -386,14 +433,22 @@ class ServerGoals:
     def cancel(
         self, selection: CancelSelection, agreed: Collection[GoalInfo]
     ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
-        """Cancel the selected goals that the user agreed to; returns as `GoalTable.answer_cancel`."""
+        """Cancel those selected goals whose cancellation the program has accepted.
+
+        Args:
+            selection: goals that the cancel request selects.
+            agreed: goals whose cancellation the program has accepted.
+
+        Returns:
+            return code for the client, and the goals that are being cancelled.
+        """
         code, canceled = self.table.answer_cancel(selection, agreed)
         for info in canceled:
             self._cancel(self.active[info.goal_id])
         return code, canceled
 
     def _cancel(self, goal: ServerGoal[Any]) -> None:
-        """Notify the execute function, which ends the goal; a goal that has not started ends here."""
+        """Make a goal CANCELING and notify its execute function, which ends it; end a goal that has not started."""
         if goal in self._queue:
             self._queue.remove(goal)
         self._change(goal.goal_id, GoalEvent.CANCEL_GOAL)
@@ -408,7 +463,7 @@ class ServerGoals:
     # ------------------------------------------------------------------------------------------------------ expiry
 
     def expire(self) -> None:
-        """Remove goals whose result timeout is over, and schedule the next call."""
+        """Remove goals whose result timeout is over, and schedule the next removal."""
         if self._scope.closed:
             return
         now_ns = self._clock.now_ns()
@@ -425,7 +480,10 @@ class ServerGoals:
         self.expire()
 
     def close(self) -> None:
-        """Ask all execute functions to end. The services are newer, so they are closed already: no reply is sent."""
+        """Request all execute functions to end.
+
+        No reply is sent: entities close in the reverse order of their creation, so the services are closed already.
+        """
         if self._expiry is not None:
             self._expiry.cancel()
         for goal in self.active.values():

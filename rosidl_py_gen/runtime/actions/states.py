@@ -1,4 +1,4 @@
-"""Goals on an action server: their state machine, table, errors, and encoded status array; without I/O.
+"""State machine, table, errors and encoded status array for the goals of an action server; without I/O.
 
 Times are nanoseconds of the clock of the server. Source: docs/internals/protocol.md 8.2 to 8.4.
 """
@@ -23,35 +23,35 @@ if TYPE_CHECKING:
 
 
 class ActionError(RosidlError):
-    """Base class of errors of goals and cancel requests."""
+    """Base class of errors about action goals and cancel requests."""
 
 
 class UnknownGoalError(ActionError, LookupError):
-    """Raised for a goal that the server does not know, or whose result has expired."""
+    """Raised for a goal that the action server does not know, or whose result has expired."""
 
 
 class GoalRejectedError(ActionError):
-    """Raised if the server rejects a goal."""
+    """Raised if the action server rejects a goal."""
 
 
 class ActionTimeoutError(ActionError, TimeoutError):
-    """Raised if the server does not reply in time; the goal may continue."""
+    """Raised if the action server does not reply in time; the goal may continue."""
 
 
 class ActionServerLostError(ActionError):
-    """Raised if the server disappears before it replies, or before it sends the result."""
+    """Raised if the action server disappears before it replies, or before it sends the result."""
 
 
 class CancelError(ActionError):
-    """Raised if a cancel request fails."""
+    """Raised if a request to cancel a goal fails."""
 
 
 class CancelRejectedError(CancelError):
-    """Raised if the server refuses to cancel."""
+    """Raised if the action server refuses to cancel a goal."""
 
 
 class AlreadyTerminatedError(CancelError):
-    """Raised if the goal has ended, or is being cancelled already."""
+    """Raised if a goal to cancel has ended, or is being cancelled already."""
 
 
 ResultT = TypeVar("ResultT")
@@ -65,11 +65,11 @@ A client requests the result after it has received the acceptance, and a goal ma
 30 ms on a busy machine.
 """
 GOAL_EVENT_INVALID = 2301
-"""RCL_RET_ACTION_GOAL_EVENT_INVALID."""
+"""Value of rcl's return code RCL_RET_ACTION_GOAL_EVENT_INVALID."""
 
 
 class GoalStatus(IntEnum):
-    """Numbers of action_msgs/GoalStatus."""
+    """Status of a goal, with the numbers of action_msgs/GoalStatus."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -96,7 +96,7 @@ class GoalStatus(IntEnum):
 
 
 STATUSES = {int(status): status for status in GoalStatus}
-"""`GoalStatus` for each number."""
+"""Number -> `GoalStatus`."""
 
 
 class GoalEvent(Enum):
@@ -121,14 +121,14 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
         (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
     }
 )
-"""Next status for each status and event; a missing pair is an error."""
+"""(status, event) -> next status of a goal; an event is not possible in a status if the pair is missing."""
 # Source: docs/internals/protocol.md 8.2.
 TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
-"""Final status for each event that ends a goal."""
+"""Event that ends a goal -> final status of the goal."""
 
 
 class GoalTransitionError(RosidlError):
-    """Raised for an event that is not possible in the status of the goal; `code` is rcl's number."""
+    """Raised for an event that is not possible in the status of a goal; `code` is the number of the error in rcl."""
 
     code = GOAL_EVENT_INVALID
 
@@ -154,7 +154,10 @@ def next_goal_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
 
 
 class GoalDecision(Enum):
-    """Return value of a `goal_callback`. None means ACCEPT; other values accept if they are true."""
+    """Return value of a `goal_callback` of an action server.
+
+    A callback may also return None, which means ACCEPT, or another value, which accepts the goal if it is true.
+    """
 
     ACCEPT = "accept and start"
     REJECT = "reject"
@@ -162,7 +165,7 @@ class GoalDecision(Enum):
 
 
 class CancelCode(IntEnum):
-    """Return codes of action_msgs/CancelGoal."""
+    """Return codes in the reply to a cancel request, with the numbers of action_msgs/CancelGoal."""
 
     NONE = 0
     REJECTED = 1
@@ -172,7 +175,7 @@ class CancelCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class GoalInfo:
-    """Goal id and time of acceptance."""
+    """Id of a goal, and the time of its acceptance."""
 
     goal_id: bytes
     stamp_ns: int
@@ -183,7 +186,8 @@ class CancelSelection:
     """Goals that a cancel request selects.
 
     Attributes:
-        code: the reason if `goals` is empty because of an error.
+        code: return code that says why `goals` is empty, or NONE.
+        goals: selected goals that can be cancelled.
         by_id: the request names exactly one goal, so a goal that has ended is an error.
     """
 
@@ -200,7 +204,7 @@ class _Goal(Generic[ResultT]):
 
 
 class GoalTable(Generic[ResultT]):
-    """Goals of a server, in the order of acceptance.
+    """Goals of an action server with status and result, in the order of acceptance.
 
     Args:
         result_timeout_ns: time from the end of a goal until `expire` removes it; None: never. rcl before Kilted counts
@@ -220,7 +224,7 @@ class GoalTable(Generic[ResultT]):
         return goal_id in self._goals
 
     def accept(self, goal_id: bytes, now_ns: int) -> GoalInfo | None:
-        """Add a goal as ACCEPTED; return None if its id is in use, so that it must be rejected."""
+        """Add a goal as ACCEPTED; return None if another goal has the id, so that the new goal must be rejected."""
         if goal_id in self._goals:
             return None
         info = GoalInfo(goal_id, now_ns)
@@ -233,7 +237,12 @@ class GoalTable(Generic[ResultT]):
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
-        """Apply an event that does not end the goal; raises `UnknownGoalError`, `GoalTransitionError`."""
+        """Apply an event that does not end a goal, and return its new status.
+
+        Raises:
+            UnknownGoalError: the goal is not in the table.
+            GoalTransitionError: the event is not possible in the status of the goal.
+        """
         goal = self._find(goal_id)
         status = next_goal_status(goal.status, event)
         assert not status.is_terminal, "use finish"
@@ -241,7 +250,12 @@ class GoalTable(Generic[ResultT]):
         return status
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> None:
-        """Apply an event that ends the goal, and store its result. Raises as `apply`."""
+        """Apply an event that ends a goal, and store its result and the time of its end.
+
+        Raises:
+            UnknownGoalError: the goal is not in the table.
+            GoalTransitionError: the event is not possible in the status of the goal.
+        """
         goal = self._find(goal_id)
         status = next_goal_status(goal.status, event)
         assert status.is_terminal, "use apply"
@@ -252,7 +266,7 @@ class GoalTable(Generic[ResultT]):
         self._ended_ns[goal_id] = now_ns
 
     def replace_result(self, goal_id: bytes, result: ResultT, status: GoalStatus) -> None:
-        """Replace result and status of a goal that has ended; without effect if it has expired."""
+        """Replace result and status of a goal that has ended; has no effect if the goal has expired."""
         goal = self._goals.get(goal_id)
         if goal is not None:
             goal.status, goal.result = status, result
@@ -263,7 +277,10 @@ class GoalTable(Generic[ResultT]):
         return None if goal is None else goal.result
 
     def select_for_cancel(self, goal_id: bytes, stamp_ns: int) -> CancelSelection:
-        """Select the goals of a cancel request, by the table of docs/internals/protocol.md 8.4."""
+        """Return the goals that a cancel request selects by id and time, or the reason why it selects none.
+
+        Source: docs/internals/protocol.md 8.4.
+        """
         if goal_id != ZERO_ID and stamp_ns == 0:
             goal = self._goals.get(goal_id)
             if goal is None:
@@ -282,10 +299,14 @@ class GoalTable(Generic[ResultT]):
     def answer_cancel(
         self, selection: CancelSelection, agreed: Collection[GoalInfo]
     ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
-        """Return the return code and the goals to cancel, after the user has agreed to some of the selected goals.
+        """Return the return code of a cancel request, and the goals to cancel, once the program has decided.
 
-        A goal that has ended during the decision counts as if it had ended before. REJECTED if the user refused all
-        goals that can still be cancelled, as in rclcpp; rclpy returns 0, which a client takes for success.
+        A goal that has ended during the decision counts as if it had ended before. The code is REJECTED if the program
+        refused all goals that can still be cancelled, as in rclcpp; rclpy returns 0, which a client takes for success.
+
+        Args:
+            selection: goals that the cancel request selects.
+            agreed: goals whose cancellation the program has accepted.
         """
         left = [info for info in selection.goals if self.status(info.goal_id).is_cancelable]
         canceled = tuple(info for info in left if info in agreed)
@@ -301,7 +322,7 @@ class GoalTable(Generic[ResultT]):
         return expired
 
     def next_expiry_ns(self) -> int | None:
-        """Return the time at which the next goal expires; None if none will."""
+        """Return the time at which the next finished goal expires; None if no goal will expire."""
         if self.result_timeout_ns is None:
             return None
         for ended_ns in self._ended_ns.values():
@@ -325,11 +346,12 @@ _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
 class StatusArray:
-    """Encoded status rows of one server, in the order of acceptance (GoalStatusArray).
+    """Serialized GoalStatusArray with the goals of one action server, in the order of acceptance.
 
     The status topic carries every goal of a server at every transition. With message objects, a server with a thousand
-    retained results would spend milliseconds on each. A row has 28 bytes: UUID 16, 3 padding bytes, sec 4, nanosec 4,
-    status 1; the first row has no padding, because its stamp is aligned without (docs/internals/protocol.md 2, 8.3).
+    retained results would spend milliseconds on each transition. A row has 28 bytes: UUID 16, 3 padding bytes, sec 4,
+    nanosec 4, status 1; the first row has no padding, because its stamp is aligned without it
+    (docs/internals/protocol.md 2, 8.3).
     """
 
     def __init__(self) -> None:
@@ -337,7 +359,7 @@ class StatusArray:
         self._offsets: dict[bytes, int] = {}
 
     def add(self, goal_id: bytes, stamp_ns: int, status: int) -> None:
-        """Append the row of a goal."""
+        """Append the row of a new goal."""
         self._offsets[goal_id] = len(self._rows)
         self._rows += _ROW.pack(goal_id, *sec_nanosec(stamp_ns), status)
 
@@ -346,7 +368,7 @@ class StatusArray:
         self._rows[self._offsets[goal_id] + _STATUS_OFFSET] = status
 
     def remove(self, goal_ids: list[bytes]) -> None:
-        """Remove the rows of these goals."""
+        """Remove the rows of goals."""
         removed = {self._offsets.pop(goal_id) for goal_id in goal_ids}
         if removed:
             size = _ROW.size
@@ -362,7 +384,7 @@ class StatusArray:
 
 
 def find_status(data: Payload, goal_id: bytes) -> int | None:
-    """Return the status of one goal in a serialized GoalStatusArray of any peer; None if it is not listed."""
+    """Return the status of one goal in a serialized GoalStatusArray; None if the goal is not listed."""
     raw = data if isinstance(data, bytes) else bytes(data)
     at = raw.find(goal_id, _FIRST)
     while at >= 0:

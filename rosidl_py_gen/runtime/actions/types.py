@@ -1,7 +1,8 @@
-"""Action types, the names of an action's services and topics, and the common base of clients and servers.
+"""Action types, the names of an action's services and topics, and the common base of action clients and servers.
 
-Goals, results and feedback are messages if the type is a generated class, and dicts if it is given as text. All zeros
-are neither a goal id nor a stamp, because they select every goal. Source: docs/internals/protocol.md 8.1, 8.4.
+Goals, results and feedback are messages if the type is a generated class, and dicts if the type is given by its name.
+Goal ids and stamps must not be all zeros, because zeros select every goal in a cancel request.
+Source: docs/internals/protocol.md 8.1, 8.4.
 
 Servers, clients and goals are generic in one variable, the action class. Their methods find the types of goal, result
 and feedback by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.
@@ -48,17 +49,18 @@ ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 ActionT = TypeVar("ActionT", bound=Action[Any, Any, Any])
 ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
-"""Covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
+"""Action class; covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
 
 
 UntypedAction: TypeAlias = Action[DictMessage, DictMessage, DictMessage]
-"""Action whose type is given as text: goals, results and feedback are dicts."""
+"""Action whose type is given by its name: goals, results and feedback are dicts."""
 
 
 class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
-    """Generated action class, for type checkers: the class itself, and the types of goal, result and feedback.
+    """Type of a generated action class for type checkers, which infer the types of goal, result and feedback from it.
 
-    Python has no type for "a class whose base is `Action` of these"; the two overloads of calling it express both.
+    Python has no type for "a class whose base is `Action[GoalT, ResultT, FeedbackT]`"; the two overloads of `__call__`
+    express that a call returns the class itself and its base.
     """
 
     @overload
@@ -69,10 +71,13 @@ class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
 
 @dataclass(frozen=True, slots=True)
 class ActionMessageType:
-    """Goal, result or feedback type: its class, and the conversion between values of the user and messages.
+    """Goal, result or feedback type of an action, with the conversions between the user's values and messages.
 
     Attributes:
-        to_message: raises `TypeError` for a value of another type, `EncodeError` for a dict that does not fit.
+        cls: generated message class.
+        to_message: converts a message or dict of the user; raises `TypeError` for a value of another type,
+            `EncodeError` for a dict that does not fit.
+        to_value: converts a message to the value that the user gets.
     """
 
     cls: type[Message]
@@ -100,7 +105,15 @@ class ActionType:
     status: MessageType[GoalStatusArray]
 
     def encode_result(self, status: int, result: object | None) -> bytes:
-        """Encode a get_result response; None is a default result. Raises `TypeError`, `EncodeError`."""
+        """Serialize a get_result response.
+
+        Args:
+            status: number of the final `GoalStatus`.
+            result: result of the user; None is a default result.
+
+        Raises:
+            TypeError, EncodeError: the result does not fit its type.
+        """
         message = self.result.cls() if result is None else self.result.to_message(result)
         try:
             return self.get_result.response.encode(self.cls.GetResult.Response(status=int(status), result=message))
@@ -110,7 +123,15 @@ class ActionType:
 
 
 def action_type(source: object, *, arrays: bool = False) -> ActionType:
-    """Return the `ActionType` of a class or a type name; `arrays` and errors as in `message_type`."""
+    """Return the `ActionType` of an action class or a type name.
+
+    Args:
+        source: class, or a name such as ``"example_interfaces/action/Fibonacci"``.
+        arrays: decode sequences of fixed-size messages as structured arrays; not with a name.
+
+    Raises:
+        TypeError, TypeNotFoundError: as in `message_type`.
+    """
     cls = generated_class(source, Action, "example_interfaces/action/Fibonacci", arrays=arrays)
     convert = _dict_type if isinstance(source, str) else _class_type
     return ActionType(
@@ -144,7 +165,7 @@ def _dict_type(cls: type[Message]) -> ActionMessageType:
 
 @dataclass(frozen=True, slots=True)
 class ActionNames:
-    """Fully qualified names; each is expanded and remapped separately, as in ROS."""
+    """Fully qualified names of an action, its services and topics; each is expanded and remapped separately."""
 
     action: str
     send_goal: str
@@ -155,7 +176,11 @@ class ActionNames:
 
     @classmethod
     def resolve(cls, names: NodeNames, action: str) -> ActionNames:
-        """Expand and remap the names of an action; raises `InvalidNameError`."""
+        """Expand and remap the names of an action, its services and topics.
+
+        Raises:
+            InvalidNameError: the name of the action is invalid.
+        """
         return cls(
             names.resolve_topic(action),
             names.resolve_service(f"{action}/_action/send_goal"),
@@ -167,28 +192,33 @@ class ActionNames:
 
 
 def set_goal_id(message: Any, goal_id: bytes) -> None:
-    """Set the field `goal_id`, as an array: messages with rclpy's API do not accept bytes."""
+    """Set the field `goal_id` of a message to an array of 16 bytes: messages with rclpy's API do not accept `bytes`."""
     message.goal_id.uuid = np.frombuffer(goal_id, np.uint8)
 
 
 def goal_id_of(message: Any) -> bytes:
-    """Return the 16 bytes of the field `goal_id`."""
+    """Return the 16 bytes of the field `goal_id` of a message."""
     return bytes(message.goal_id.uuid)
 
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
-"""Policy of an action server for goals that arrive while another one runs."""
+"""Policy of an action server for goals that arrive while another goal runs."""
 
 _ID_BYTES = 16
 _CANCEL_ALL_HINT = "all zeros select every goal; use cancel_all() for that"
 
 
 class ActionArgumentError(RosidlError, ValueError):
-    """Raised for a value that an action cannot use; the message names the argument."""
+    """Raised for an invalid value of an argument of an action client or server; the text names the argument."""
 
 
 def require_depth(name: str, value: int) -> int:
-    """Return an integer of at least 1; raises `TypeError`, `ActionArgumentError`."""
+    """Return an argument that must be an integer of at least 1.
+
+    Raises:
+        TypeError: the value is not an integer.
+        ActionArgumentError: the value is less than 1.
+    """
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"{name} must be an int, got {value!r:.100}")
     if value < 1:
@@ -197,7 +227,12 @@ def require_depth(name: str, value: int) -> int:
 
 
 def require_goal_id(goal_id: bytes) -> bytes:
-    """Return 16 bytes that are not all zero; raises `TypeError`, `ActionArgumentError`."""
+    """Return a goal id, which must be 16 bytes that are not all zero.
+
+    Raises:
+        TypeError: the value is not `bytes`.
+        ActionArgumentError: the value has another length, or is all zero.
+    """
     if not isinstance(goal_id, bytes | bytearray):
         raise TypeError(f"goal_id must be 16 bytes (the attribute bytes of a uuid.UUID), got {goal_id!r:.100}")
     if len(goal_id) != _ID_BYTES:
@@ -208,7 +243,12 @@ def require_goal_id(goal_id: bytes) -> bytes:
 
 
 def require_stamp(stamp: Any) -> Time:
-    """Return a time that is not zero, from a `Time` or a message; raises `TypeError`, `ActionArgumentError`."""
+    """Return a stamp, which may be a `Time` or a message, as a `Time`.
+
+    Raises:
+        TypeError: the value is neither a `Time` nor a ``builtin_interfaces/Time``.
+        ActionArgumentError: the time is zero.
+    """
     if not isinstance(stamp, Time):
         if not all(isinstance(getattr(stamp, name, None), Integral) for name in ("sec", "nanosec")):
             raise TypeError(f"stamp must be a Time or a builtin_interfaces/Time message, got {stamp!r:.100}")
@@ -229,7 +269,15 @@ def server_callbacks(
     cancel_callback: Callable[[Any], Any] | bool,
     goal_policy: object,
 ) -> tuple[UserCallback | None, UserCallback | bool]:
-    """Return the goal and cancel callbacks of a server; raises `TypeError` or `ValueError` for wrong arguments."""
+    """Check the callbacks and the policy of an action server, and return its goal callback and its cancel callback.
+
+    Returns:
+        goal callback, or None; cancel callback, or True to accept and False to refuse every cancel request.
+
+    Raises:
+        TypeError: a callback is not callable with its argument, or `goal_callback` is given without `execute`.
+        ValueError: `goal_policy` is unknown.
+    """
     if not (isinstance(cancel_callback, bool) or callable(cancel_callback)):
         raise TypeError(
             f"cancel_callback of action {action} must be True, False or a function, got {cancel_callback!r:.100}"
@@ -260,15 +308,15 @@ class ActionEntity(CompositeEntity):
         self.name: str = names.action
         """Fully qualified name of the action."""
         self.action_type: str = action_type.ros_name
-        """``pkg/action/Name``."""
+        """Name of the action's type: ``pkg/action/Name``."""
         self.action_class: type[Action[Any, Any, Any]] = action_type.cls
-        """The generated class, with `Goal`, `Result` and `Feedback`."""
+        """Generated class of the action's type, with `Goal`, `Result` and `Feedback`."""
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
-        """Publish the requests and responses of all three services on ``<service>/_service_event`` from now on.
+        """Publish the requests and responses of the action's services on ``<service>/_service_event`` from now on.
 
-        ``ros2 action echo`` of Kilted and later shows them. Takes the arguments and raises the errors of a client or
-        service.
+        ``ros2 action echo`` of Kilted and later shows them. Arguments and exceptions are the same as for a `Client` or
+        a service.
         """
         self._require_open()
         for entity in list(self._parts.owned.values()):

@@ -1,8 +1,8 @@
 """Service clients.
 
-`_enqueue` sends a request; `call` and `send_request` put futures on top of it. Each request ends with a reply, a
-timeout, a cancellation, `close`, or the loss of the last server that received it: a server that starts later does not
-have the request. How a reply is assigned to its request depends on the transport.
+The method `_enqueue` sends a request; `call` and `send_request` return futures on top of it. Each request ends with a
+reply, a timeout, a cancellation, `close`, or the loss of the last server that received the request: a server that
+starts later does not have the request. How a reply is assigned to its request depends on the transport.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         self._transport_client = self._open(scope.participant.create_client(self._spec))
         self._pending: dict[int, PendingRequest[ResponseT]] = {}
         self._by_sequence_number: dict[int, PendingRequest[ResponseT]] = {}
-        """The requests that were sent."""
+        """Sequence number -> pending request, for the requests that were sent."""
         self._timeouts: TimeoutTable | None = None
         self._has_direct_callbacks = False
-        """True once a request has a callback that may run user code, instead of a future."""
+        """True once a request has a callback that may run the user's code, and not only complete an asyncio future."""
         self._window = scope.request_windows.get(self._spec.topic_keys[0], name, batch_interval_s)
         self._transport_client.set_sink(self._on_replies)
         self._loss_registration = scope.discovery.on_change.add(self._on_discovery)
@@ -81,7 +81,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return self._available().is_available
 
     def service_is_ready(self) -> bool:
-        """Return `service_is_available()`; the name in rclpy."""
+        """Return `service_is_available()`; for compatibility with rclpy."""
         return self.service_is_available()
 
     async def wait_for_service(self, timeout_s: float | None = None) -> Literal[True]:
@@ -96,14 +96,18 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
     wait_for_service_sync = blocking(wait_for_service)
 
     def _servers(self) -> set[bytes]:
-        """Return the GUIDs of the reply writers of all servers; empty if none can be called."""
+        """Return the GUIDs of the reply writers of all connected servers; empty if no server can be called."""
         try:
             return set(self._transport_client.connected()) if self._available() else set()
         except IncompatibleServiceError:
             return set()
 
     def _available(self) -> ServerAvailability:
-        """Return the servers that can be called; falsy if there are none. Raises `IncompatibleServiceError`."""
+        """Return the availability of servers, which is falsy if no server can be called.
+
+        Raises:
+            IncompatibleServiceError: all servers use Fast DDS, and the installed Cyclone DDS cannot call them.
+        """
         servers = self._transport_client.servers()
         if servers.incompatible_server is not None:
             raise IncompatibleServiceError(
@@ -115,7 +119,11 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return f"no server of {self.name} ({self.service_type}) appeared"
 
     def _why_missing(self, ending: str = "") -> str:
-        """Return why no server is connected; `ending` is passed on to `UnmatchedReasons.why`."""
+        """Return a text with the reason why no server is connected; "" if it is unknown.
+
+        Args:
+            ending: rest of the service name of an action or a parameter service, as for `UnmatchedReasons.why`.
+        """
         reader, writer = self._transport_client.endpoints
         requests, replies = self._spec.topic_keys
         why = self._scope.why_unmatched(writer, requests, is_writer=True, ending=ending)
@@ -126,11 +134,11 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
     async def call(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
         """Send a request and wait for its response; any number of calls may be in flight.
 
-        If no server is connected, the call waits for one. `timeout_s` covers both waits; None waits forever.
+        If no server is connected, the call waits for a server. `timeout_s` covers both waits; None waits forever.
 
         Raises:
             CallTimeoutError: a `TimeoutError`: no server or no response arrived within `timeout_s`.
-            ServerLostError: all servers that received the request have left, or Zenoh reports that one failed.
+            ServerLostError: all servers that received the request have left, or Zenoh reports that the server failed.
             IncompatibleServiceError: all servers use Fast DDS, and the installed Cyclone DDS cannot call them.
             EncodeError: the request does not fit its type.
             DecodeError: the response does not fit its type.
@@ -215,13 +223,14 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         on_reply: Callable[[ResponseT, bytes | None], object],
         on_error: Callable[[Exception], object],
     ) -> int:
-        """Send a request to the servers that are connected now. Thread: loop, also for the two functions.
-
-        Returns the key for `_abandon_request`.
+        """Send a request to the servers that are connected now; return the key for `_abandon_request`. Thread: loop.
 
         Args:
+            request: request message.
             on_reply: gets a response and the GUID of its reply writer; returns True to get replies of further servers.
+                Thread: loop.
             on_error: gets `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError`; no other call follows.
+                Thread: loop.
         """
         self._require_open()
         self._scope.loop_binding.running_loop()
@@ -231,7 +240,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return pending.key
 
     def _abandon_request(self, key: int) -> None:
-        """Discard a request, if it is still pending."""
+        """Discard the request with a key, if it is still pending."""
         pending = self._pending.pop(key, None)
         if pending is not None:
             if pending.sequence_number:
@@ -269,7 +278,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return True
 
     def _send(self, pending: PendingRequest[ResponseT]) -> bool:
-        """Write a request; return False if the servers are so far behind that it must wait."""
+        """Write a request; return False if the servers are so far behind that the request must wait."""
         if pending.key not in self._pending:
             return True
         try:
@@ -293,7 +302,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         pending.on_error(error)
 
     def _on_replies(self) -> Callable[[], None] | None:
-        """Sink of the reply reader."""
+        """Read the received replies, or return the function that does so later (sink of the reply reader)."""
         if self._has_direct_callbacks:
             return self._read_all
         self._read_all()
@@ -326,7 +335,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             self._scope.loop_binding.call_soon(self._check_lost_requests)
 
     def _check_lost_requests(self) -> None:
-        """Fail the requests that no server can reply to any more, after all received replies were read."""
+        """Read all received replies, then fail the requests to which no server can reply any more."""
         if self._closed:
             return
         self._transport_client.report_lost_requests()
@@ -354,16 +363,16 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return f"the client of {self.name}"
 
     def all_acknowledged(self) -> bool:
-        """Return True if every server has received all requests; a live server needs some milliseconds for that."""
+        """Return True if every server has received all requests of the client, which takes some milliseconds."""
         return self._transport_client.all_acknowledged()
 
     @property
     def in_flight_count(self) -> int:
-        """Number of calls that wait for a response."""
+        """Number of requests of the client that wait for a response, also those that are not sent yet."""
         return len(self._pending)
 
     def close(self) -> None:
-        """Stop; calls in flight raise `ClosedError`. May be called twice."""
+        """Close the client; calls in flight raise `ClosedError`. May be called twice."""
         if self._begin_close(*self._transport_client.endpoints):
             self._loss_registration.close()
             for pending in list(self._pending.values()):

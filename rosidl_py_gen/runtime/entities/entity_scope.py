@@ -1,4 +1,4 @@
-"""Base classes of entities, and the scope with what all entities of one node share.
+"""Base classes of entities, and the scope, which has everything that all entities of one node share.
 
 Entities get an `EntityScope` and a resolved name, never the node: a node owns its entities, and a reference back would
 make a cycle. A scope closes everything that was created with it. A composite entity has a nested scope of its own.
@@ -41,19 +41,22 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _MATCH_POLL_INTERVAL_S = 0.05
-"""DDS matches endpoints some time after their discovery, and reports no event of that."""
+"""Interval of checks for matched endpoints: DDS matches endpoints some time after their discovery, without an event."""
 QOS_HINT = "; QoS is given as qos=..."
 
 
 class Closeable(Protocol):
-    """Anything that a scope owns."""
+    """Object that a scope can own and close: an entity, a queue or a registration."""
 
     def close(self) -> None:
-        """Release everything; may be called twice."""
+        """Release all resources; may be called twice."""
 
 
 class Entity:
-    """Entity of a node: it closes with the node or before; its constructor ends with `EntityScope.register`."""
+    """Entity of a node, which closes at the latest with the node.
+
+    Constructors of subclasses end with `EntityScope.register`.
+    """
 
     def __init__(self, scope: EntityScope) -> None:
         self._scope = scope
@@ -61,11 +64,11 @@ class Entity:
         self._close_latch = Latch()
 
     def close(self) -> None:
-        """Release everything; may be called twice."""
+        """Release all resources of the entity; may be called twice."""
         raise NotImplementedError
 
     def destroy(self) -> None:
-        """Do the same as `close`; the name in rclpy."""
+        """Do the same as `close`; for compatibility with rclpy."""
         self.close()
 
     def _described(self) -> str:
@@ -77,7 +80,7 @@ class Entity:
             self._scope.require_open(True, self._described())
 
     def _begin_close(self, *guids: bytes) -> bool:
-        """Unregister the entity and withdraw its endpoints; return False if it was closed before."""
+        """Unregister the entity and withdraw its endpoints with these GUIDs; return False if it was closed before."""
         if not self._close_latch.set():
             return False
         self._closed = True
@@ -86,23 +89,23 @@ class Entity:
 
 
 class CallbackInUseError(RosidlError, TypeError):
-    """The program tries to receive from an entity that has a callback."""
+    """Raised if the program tries to receive from an entity that has a callback."""
 
 
 class PollableEntity(Entity):
     """Entity with a method `take`: a subscription, a server or a timer.
 
-    Listeners are called on the event loop, once for each arrival. Arrived data stays in the queue of its entity until
-    `take`, `receive` or an iteration removes it.
+    Functions added with `on_ready` are called on the event loop, once for each arrival. Arrived data stays in the queue
+    of its entity until `take`, `receive` or an iteration removes it.
     """
 
     _callback: UserCallback | None
-    """Takes everything, if there is one."""
+    """Callback of the user, which takes all arrived data; None to receive by `take` or iteration."""
     _contents = "messages"
-    """Noun for the data that the callback takes, for errors."""
+    """Noun for the data that the callback takes, for error texts."""
     _listeners: RegistrationSet[UserCallback] | None = None
     _on_arrival: Callable[[], None] | None = None
-    """Calls the listeners; None until the first one is added."""
+    """Function that calls the listeners of `on_ready`; None until the first listener is added."""
 
     @property
     def is_ready(self) -> bool:
@@ -112,10 +115,10 @@ class PollableEntity(Entity):
     def on_ready(self, function: Callable[[], object]) -> Registration:
         """Call a function without arguments when something can be taken, until the returned registration is closed.
 
-        It is called on the event loop, or by the thread that runs the loop of a `LoopRunner`, for each arrival; and
-        immediately, if something can be taken already. Arrivals may coincide, so take until `take` returns None. The
-        function should only wake up the consumer: `LoopRunner.wake`, `threading.Event.set`. Its exceptions are logged
-        like the exceptions of any callback.
+        The function is called on the event loop, or by the thread that runs the loop of a `LoopRunner`, for each
+        arrival; and immediately, if something can be taken already. Arrivals may coincide, so take until `take` returns
+        None. The function should only wake up the consumer: `LoopRunner.wake`, `threading.Event.set`. Its exceptions
+        are logged like the exceptions of any callback.
 
         Raises:
             CallbackInUseError: the entity has a callback, which takes everything.
@@ -146,7 +149,7 @@ class PollableEntity(Entity):
             )
 
     def _require_takeable(self) -> None:
-        """Raise `CallbackInUseError` or `ClosedError`."""
+        """Raise `CallbackInUseError` if the entity has a callback, `ClosedError` if it is closed."""
         self._require_no_callback()
         self._require_open()
 
@@ -155,7 +158,7 @@ class PollableEntity(Entity):
 
 
 class CompositeEntity(Entity):
-    """Entity that consists of others: everything created with the scope `_parts` closes with it, tasks as well."""
+    """Entity that consists of other entities: all entities and tasks created with its scope `_parts` close with it."""
 
     def __init__(self, scope: EntityScope, *, type_hash_check: TypeCheck | None = None) -> None:
         super().__init__(scope)
@@ -163,7 +166,7 @@ class CompositeEntity(Entity):
         self._parts.type_hash_check = checked_mode(type_hash_check, scope.type_hash_check)
 
     def close(self) -> None:
-        """Close all entities that this one consists of. From any thread; may be called twice."""
+        """Close all entities of which this entity consists. From any thread; may be called twice."""
         if self._begin_close():
             self._parts.close()
 
@@ -176,9 +179,18 @@ def user_callback(
     hint: str = "",
     type_hint: str = "",
 ) -> UserCallback | None:
-    """Return the callback of a user's function, which may be None; raises as `require_callable`, `require_signature`.
+    """Return the `UserCallback` of a function of the user; None for None.
 
-    `type_hint` ends the error about an object that is no function, `hint` that about other arguments.
+    Args:
+        scope: owner of the entity.
+        function: plain or async function.
+        subject: name of the callback for error texts.
+        arguments: descriptions of the arguments with which the function will be called.
+        hint: end of the error text if the function cannot be called with these arguments.
+        type_hint: end of the error text if the object is not a function.
+
+    Raises:
+        TypeError, CallbackSignatureError: the object is not a function, or cannot be called with these arguments.
     """
     require_callable(function, subject, type_hint)
     if function is None:
@@ -190,21 +202,21 @@ def user_callback(
 def entity_repr(entity: Entity, *details: str, peers: Callable[[], int], peer: str) -> str:
     """Return a `repr` such as ``Publisher(/chatter, std_msgs/msg/String, reliable, keep last 10, 2 subscriptions)``.
 
-    It never fails and never waits: the peers of a closed or forked entity are not counted.
+    The function never fails and never waits: the peers of a closed or forked entity are not counted.
     """
     state = "closed" if entity._closed or entity._scope.closed else pluralize(peers(), peer)
     return f"{type(entity).__name__}({', '.join((*details, state))})"
 
 
 class Throttle:
-    """Rate limit of one message per second; each endpoint has its own, so that none can silence another."""
+    """Rate limit of one log entry per second; each endpoint has its own limit, so that no endpoint silences another."""
 
     def __init__(self, clocks: ClockFunctions) -> None:
         self._steady_ns = clocks.steady_ns
         self._next_ns = 0
 
     def allows(self) -> bool:
-        """Return True if it returned True the last time at least a second ago."""
+        """Return True for at most one call per second."""
         now_ns = self._steady_ns()
         if now_ns < self._next_ns:
             return False
@@ -213,7 +225,7 @@ class Throttle:
 
 
 class EntityScope:
-    """Lifetime and shared resources of the entities of a node, or (nested) of a `CompositeEntity`."""
+    """Owner of the entities of a node, or (nested) of a `CompositeEntity`; has the resources that they share."""
 
     def __init__(
         self,
@@ -226,7 +238,18 @@ class EntityScope:
         fully_qualified_name: str,
         on_error: OnError = "log",
     ) -> None:
-        """`number` is the node's in `discovery`; `request_windows` belong to all services in the context."""
+        """Create the scope of a node.
+
+        Args:
+            participant: member of the domain that creates the endpoints.
+            loop_binding: event loop of the context.
+            discovery: discovered peers, and the announcement of own nodes.
+            request_windows: flow control of all services in the context.
+            clocks: time functions of the transport.
+            number: number of the node in `discovery`.
+            fully_qualified_name: name of the node.
+            on_error: treatment of exceptions in callbacks.
+        """
         self.participant = participant
         self.loop_binding = loop_binding
         self.discovery = discovery
@@ -239,16 +262,16 @@ class EntityScope:
         self.failures = CallbackFailures(loop_binding, on_error)
         self.closed = False
         self.close_latch = Latch()
-        """Set by the one caller of `close`."""
+        """Latch of which only the first caller of `close` gets True."""
         self.owned: dict[int, Closeable] = {}
-        """Everything to close with this scope, oldest first; emptied by `close`."""
+        """Objects to close with this scope, by `id`, oldest first; emptied by `close`."""
         self.with_callbacks: dict[int, object] = {}
-        """Entities with a user callback, by `id`, without those that the user closed before the node."""
+        """Entities with a callback of the user, by `id`, except entities that the user closed before the node."""
         self.type_hash_check: TypeCheck = DEFAULT_CHECK
-        """Default of the entities' `type_hash_check`."""
+        """Value of `type_hash_check` for entities that are created without one."""
         self.tasks: set[asyncio.Task[Any]] = set()
         self._node: EntityScope | None = None
-        """Scope of the node, if this one is nested."""
+        """Scope of the node, if this scope is nested; None in the scope of a node."""
 
     def create_child(self) -> EntityScope:
         """Create a nested scope with its own entities and tasks, which may close before the node does."""
@@ -258,16 +281,22 @@ class EntityScope:
         return child
 
     def make_clock(self, clock_type: ClockType = ClockType.ROS_TIME) -> Clock:
-        """Create a clock that runs on the time functions of the transport."""
+        """Create a clock that reads the time functions of the transport (real or virtual time)."""
         functions = self.clocks
         return Clock(
             clock_type, system_ns=functions.system_ns, steady_ns=functions.steady_ns, on_failure=self.report_failure
         )
 
     def register(self, entity: Closeable, *, reader: bytes = b"", writer: bytes = b"") -> None:
-        """Own an entity until it calls `unregister` or the scope closes it, and announce its endpoints.
+        """Own an entity until the entity calls `unregister` or the scope closes it, and announce its endpoints.
 
-        Closes the entity and raises `ClosedError` if another thread has closed the scope.
+        Args:
+            entity: entity or other object to close with the scope.
+            reader: GUID of the entity's reader, if it has one.
+            writer: GUID of the entity's writer, if it has one.
+
+        Raises:
+            ClosedError: another thread has closed the scope; the entity is closed, too.
         """
         self.owned[id(entity)] = entity
         if reader or writer:
@@ -287,7 +316,10 @@ class EntityScope:
             self.discovery.conversions[guid] = converts
 
     def unregister(self, entity: object, *guids: bytes) -> None:
-        """Undo `register`; while the whole node closes, nothing is announced."""
+        """Stop owning an entity, and withdraw its endpoints with these GUIDs.
+
+        While the whole node closes, nothing is withdrawn: the node is withdrawn as a whole.
+        """
         self.owned.pop(id(entity), None)
         if (self._node or self).closed:
             return
@@ -296,13 +328,13 @@ class EntityScope:
             self.discovery.change_endpoints(self.number, remove=guids)
 
     def require_open(self, closed: bool, subject: str) -> None:
-        """Raise `ClosedError` if `closed`, or if the scope is closed."""
+        """Raise `ClosedError` about `subject` if `closed` is true, or if the scope is closed."""
         if closed or self.closed:
             owner = f"node {self.node_name}" if subject == "the node" else f"{subject} of node {self.node_name}"
             raise ClosedError(f"{owner} is closed")
 
     def close(self) -> None:
-        """Cancel all tasks but the calling one, close all entities, newest first, and withdraw the node.
+        """Cancel all tasks except the calling one, close all entities, newest first, and withdraw the node.
 
         May be called twice.
         """
@@ -326,7 +358,11 @@ class EntityScope:
             self.discovery.remove_node(self.number)
 
     def abandon(self, reason: str) -> None:
-        """Mark everything as closed in a forked child, without a call into the transport; errors contain the reason."""
+        """Mark the scope and nested scopes as closed in a forked child, without a call into the transport.
+
+        Args:
+            reason: part of the texts of later `ClosedError` exceptions.
+        """
         self.closed = True
         self.node_name += f" ({reason})"
         for entity in self.owned.values():
@@ -342,9 +378,19 @@ class EntityScope:
         *,
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> bool:
-        """Wait until `condition` holds, checked at every change of the graph and every `poll_s` seconds.
+        """Wait until `condition()` is true, checked at every change of the graph and every `poll_s` seconds.
 
-        Returns False if the time has passed. Raises `ClosedError` if the entity or the node is closed, also later.
+        Args:
+            condition: function that returns a true value to end the wait.
+            timeout_s: None waits forever.
+            entity: entity on whose behalf the caller waits; None: the node.
+            poll_s: interval of checks without a change of the graph.
+
+        Returns:
+            False if `timeout_s` has passed.
+
+        Raises:
+            ClosedError: the entity or the node is closed, also while waiting.
         """
         deadline = Deadline(timeout_s)
         require_open = partial(self.require_open, False, "the node") if entity is None else entity._require_open
@@ -370,7 +416,20 @@ class EntityScope:
         why: Callable[[], str] = lambda: "",
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> Literal[True]:
-        """Wait like `wait_until`, or raise `WaitTimeoutError` with `missing` and the reason `why` after the timeout."""
+        """Wait until `condition()` is true, like `wait_until`.
+
+        Args:
+            condition: function that returns a true value to end the wait.
+            timeout_s: None waits forever.
+            missing: returns the error text about what is missing.
+            entity: entity on whose behalf the caller waits; None: the node.
+            why: returns the reason for the error, or "".
+            poll_s: interval of checks without a change of the graph.
+
+        Raises:
+            WaitTimeoutError: `timeout_s` has passed.
+            ClosedError: the entity or the node is closed, also while waiting.
+        """
         if not await self.wait_until(condition, timeout_s, entity, poll_s=poll_s):
             raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s", why())
         return True
@@ -378,23 +437,33 @@ class EntityScope:
     def why_unmatched(
         self, guid: bytes, topic_key: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
-        """Return why an endpoint has no other peers than `matched`; see `UnmatchedReasons.why`."""
+        """Return the reason why an endpoint has no peers except `matched`; arguments as for `UnmatchedReasons.why`."""
         self.discovery.refresh()
         return self.discovery.unmatched.why(guid, topic_key, is_writer=is_writer, matched=matched, ending=ending)
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-        """Run a coroutine as a task that is kept alive, and cancelled when the scope closes."""
+        """Run a coroutine as a task that the scope cancels when it closes, and references until the task ends."""
         task = start_task(self.loop_binding.running_loop(), coroutine)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
         return task
 
     def adopt_running_loop(self) -> None:
-        """Have the node served by the loop that this thread runs, if it runs one and no other loop serves the node."""
+        """Attach the event loop that runs in the calling thread, if there is one and no other loop serves the node."""
         self.loop_binding.adopt_running_loop()
 
     def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
-        """Run a coroutine of a caller's method and block; raises `ClosedError`, `WouldDeadlockError` on the loop."""
+        """Run a coroutine of a ``..._sync`` method on the event loop, block until its end, and return its result.
+
+        Args:
+            coroutine: coroutine of the method without ``_sync``.
+            caller: object whose method is called, for error texts.
+            name: name of the method without ``_sync``.
+
+        Raises:
+            ClosedError: the node is closed.
+            WouldDeadlockError: the calling thread runs an event loop.
+        """
         in_loop = self.loop_binding.in_loop_thread() or current_loop() is not None
         if in_loop or self.closed:
             coroutine.close()
@@ -407,5 +476,9 @@ class EntityScope:
         return self.loop_binding.run(self.failures.run_guarded(coroutine) if raises else coroutine)
 
     def report_failure(self, activity: str) -> None:
-        """Log the current exception with its traceback as the node; with ``on_error="raise"``, raise it."""
+        """Log the exception being handled, with its traceback, as the node; raise it later with ``on_error="raise"``.
+
+        Args:
+            activity: what has failed, such as ``"the callback of /chatter"``.
+        """
         self.failures.report(activity, self.logger)

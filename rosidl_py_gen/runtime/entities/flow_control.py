@@ -1,13 +1,13 @@
-"""Flow control of service requests.
+"""Flow control of service requests: limits the number of requests that a server has not answered.
 
 A ROS 2 server has a keep-last queue (10 by default) and silently overwrites old requests, whose calls would never
 return. All clients of one service in a context share a window: at most `min(queue depth, window size)` requests may be
-unanswered. The window starts at 3 and, after 2 s, grows by one with each response, because other clients of the server
-may not be discovered before. A response also removes the same client's earlier requests, because a server takes them in
-order. A request that was given up leaves the window, too.
+unanswered. The window size is 3 at first. After 2 s it grows by one with each response; not before, because other
+clients of the server may not be discovered yet. A response also removes the same client's earlier requests from the
+window, because a server takes the requests of a client in order. A request that was given up leaves the window, too.
 
-If no response arrives for 10 s, one more request is sent with a warning, and the timeout doubles. Services that reply
-late by design (`get_result`) are paced by a fixed interval instead.
+If no response arrives for 10 s, one more request is sent with a warning, and the timeout doubles. Requests to services
+that reply late by design (`get_result`) are sent in batches at a fixed interval instead.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ if TYPE_CHECKING:
 ResponseT = TypeVar("ResponseT")
 
 _INITIAL_WINDOW = 3
-"""Initial window size, chosen below the usual queue depth because other clients may share the queue."""
+"""Initial number of requests that may be unanswered, below the usual queue depth, which clients may share."""
 DISCOVERY_SETTLE_S = 2.0
-"""Time until clients that started at the same time are discovered, also on a busy machine."""
+"""Time until clients that started at the same time have discovered each other, also on a busy machine."""
 STALL_TIMEOUT_S = 10.0
-"""Time without a response until one request beyond the server's queue depth is sent, as earlier ones may be lost."""
+"""Time without a response until one request beyond the queue depth is sent, as earlier requests may be lost."""
 
 _request_keys = itertools.count(1)
 _request_key_lock = threading.RLock()
-"""Without the GIL, `next` of CPython 3.13 may return a number twice."""
+"""Guards `_request_keys`: without the GIL, `next` of CPython 3.13 may return a number twice."""
 
 
 def _next_request_key() -> int:
@@ -50,17 +50,21 @@ def _next_request_key() -> int:
 
 
 class RequestTimedOutError(RosidlError):
-    """No response arrived in time; only the call knows the time limit."""
+    """Raised internally if no response arrived in time; the waiting call adds the time limit to its own exception."""
 
 
 @dataclass(slots=True, eq=False)
 class PendingRequest(Generic[ResponseT]):
-    """Request without response.
+    """Request that has no response yet.
 
     Attributes:
+        encoded: serialized request.
+        on_reply: called with the response and the GUID of its reply writer.
+        on_error: called with the exception if there is no response.
+        timeout_s: time limit of the call; None without one.
         key: identifies the request in the process, also before it is sent.
         sequence_number: number that the transport assigned; 0 until the request is sent.
-        flow_number: number in the `RequestFlowControl`; 0 if the request is not subject to it.
+        flow_number: number in the `RequestFlowControl`; 0 if the request is not subject to flow control.
         timeouts: table with the request's timeout; None without one.
         had_servers: True if servers existed when the request was made.
     """
@@ -77,32 +81,39 @@ class PendingRequest(Generic[ResponseT]):
 
 
 class RequestFlowControl:
-    """Window of the requests of all clients of one service in one context; first come, first served."""
+    """Window that limits the unanswered requests of all clients of a service in a context; first come, first served."""
 
     def __init__(self, name: str, batch_interval_s: float | None = None) -> None:
-        """`batch_interval_s`: time after which the server has taken all requests; None: only responses prove it."""
+        """Create the window of one service.
+
+        Args:
+            name: name of the service for log entries.
+            batch_interval_s: time after which the server has taken all requests; None: only responses prove that it
+                has.
+        """
         self._name = name
         self._batch_interval_s = batch_interval_s
         self.stall_timeout_s = STALL_TIMEOUT_S
-        """Time without a response until one more request is sent; doubles until a response arrives."""
+        """Time without a response until one more request is sent; doubles each time, until a response arrives."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self.waiting: deque[tuple[Callable[[int], bool], object]] = deque()
-        """Requests without room, oldest first, each with its client."""
+        """Functions that send the requests for which the window has no room, oldest first, each with its client."""
         self._flow_numbers = itertools.count(1)
         self._in_flight: dict[int, object] = {}
-        """Clients of the requests that the server may not have taken, oldest first."""
+        """Flow number -> client, for the requests that may still be in the server's queue, oldest first."""
         self._last_progress_s = self._started_s = 0.0
         self.server_queue_depth = 1
-        """Number of our requests that the server's queue can contain, as known now."""
+        """Number of own requests that the server's queue can contain, as known now."""
         self._window_size = _INITIAL_WINDOW
         self._timer: asyncio.TimerHandle | None = None
 
     def acquire(self, send: Callable[[int], bool], server_queue_depth: int, client: object = None) -> None:
-        """Call `send` as soon as one more request may be sent, perhaps at once. Thread: loop.
+        """Call `send` as soon as the window has room for its request, perhaps at once. Thread: loop.
 
         Args:
-            send: gets the number for `on_response` and `release`, one of which must be called when the request is
-                answered or given up. Returns False if its request is no longer needed, and leaves the window.
+            send: gets the flow number for `on_response` and `release`, one of which must be called when the request is
+                answered or given up. Returns False if its request is no longer needed; then the request leaves the
+                window.
             server_queue_depth: number of requests that the server's queue can contain.
             client: sender; requests of one client reach the server in order, requests of several clients do not.
         """
@@ -116,7 +127,7 @@ class RequestFlowControl:
             self._send()
 
     def on_response(self, number: int, client: object = None) -> None:
-        """Record a response: earlier requests of the same client have left the server's queue, too."""
+        """Remove an answered request and the same client's earlier requests, which the server has taken, too."""
         in_flight = self._in_flight
         if self._loop is not None and self._loop.time() - self._started_s >= DISCOVERY_SETTLE_S:
             self._window_size = min(self._window_size + 1, self.server_queue_depth)
@@ -127,7 +138,7 @@ class RequestFlowControl:
         self._continue()
 
     def release(self, number: int) -> None:
-        """Remove a request that was given up or answered."""
+        """Remove a request that was given up or answered from the window."""
         self._in_flight.pop(number, None)
         self._continue()
 
@@ -136,7 +147,7 @@ class RequestFlowControl:
             self._send()
 
     def _send(self) -> None:
-        """Send as many requests as the window allows; start the timer if some must wait."""
+        """Send as many waiting requests as the window allows; start the timer if requests remain."""
         assert self._loop is not None
         in_flight, waiting = self._in_flight, self.waiting
         size = self._window_size if self._batch_interval_s is None else self.server_queue_depth
@@ -170,14 +181,20 @@ class RequestFlowControl:
 
 
 class RequestWindows:
-    """Flow control of the services of a context: one object for each service while it has clients. Thread: any."""
+    """Flow control of all services of a context: one window for each service while it has clients. Thread: any."""
 
     def __init__(self) -> None:
         self._windows: weakref.WeakValueDictionary[TopicKey, RequestFlowControl] = weakref.WeakValueDictionary()
         self._lock = threading.RLock()
 
     def get(self, requests: TopicKey, name: str, batch_interval_s: float | None) -> RequestFlowControl:
-        """Return the window of the service with that topic of requests; the first client determines its interval."""
+        """Return the window of a service; create it if this is the first client of the service.
+
+        Args:
+            requests: topic of the service's requests.
+            name: name of the service.
+            batch_interval_s: as for `RequestFlowControl`; only the value of the first client counts.
+        """
         with self._lock:
             window = self._windows.get(requests)
             if window is None:

@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 
 class IntrospectionState(IntEnum):
-    """Amount of introspection of a client or server: nothing, who called when, or also requests and responses."""
+    """Contents of the introspection events of a client or server.
+
+    OFF publishes no events, METADATA publishes client and time of each request and response, CONTENTS also the
+    messages.
+    """
 
     OFF = 0
     METADATA = 1
@@ -34,7 +38,7 @@ class IntrospectionState(IntEnum):
 
 
 class ServiceEventType(IntEnum):
-    """Event types of service_msgs/ServiceEventInfo."""
+    """Type of an introspection event, with the numbers of service_msgs/ServiceEventInfo."""
 
     REQUEST_SENT = 0
     REQUEST_RECEIVED = 1
@@ -57,7 +61,12 @@ class ServiceEventPublisher:
         self._state = IntrospectionState.OFF
 
     def configure(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> bool:
-        """Implement `ServiceEndpoint.configure_introspection`; return False if nothing is to be published."""
+        """Switch introspection on or off (see `ServiceEndpoint.configure_introspection`); return False if off.
+
+        Raises:
+            TypeError: clock or state has another type.
+            InvalidQoSError: the profile is invalid.
+        """
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         if not isinstance(state, IntrospectionState):
@@ -72,7 +81,14 @@ class ServiceEventPublisher:
         return self._publisher is not None
 
     def publish(self, client_gid: bytes, sequence_number: int, message: Payload, *, is_sent: bool) -> None:
-        """Publish that the client or server has sent or received a message."""
+        """Publish an event: the client or server has sent (`is_sent`) or received a request or response.
+
+        Args:
+            client_gid: 16 bytes that identify the client.
+            sequence_number: sequence number of the request.
+            message: serialized request or response.
+            is_sent: False if the message was received.
+        """
         publisher = self._publisher  # another thread may close it
         if self._scope.closed or publisher is None:
             return  # a response that is sent while the node closes must not fail
@@ -97,7 +113,7 @@ class ServiceEventPublisher:
         publisher.publish(event)
 
     def close(self) -> None:
-        """Close the publisher."""
+        """Close the publisher of the events; may be called twice."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
             publisher.close()

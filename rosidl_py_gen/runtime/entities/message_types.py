@@ -1,6 +1,6 @@
 """Message and service types as entities use them: a name, a hash, and functions that encode and decode.
 
-A type is given as a generated class, or as text such as ``"std_msgs/msg/String"``. With text, messages are dicts
+A type is given as a generated class, or by its name, such as ``"std_msgs/msg/String"``. With a name, messages are dicts
 (`to_dict`, `from_dict`), so that a program needs no generated code.
 """
 
@@ -29,10 +29,10 @@ ResponseT = TypeVar("ResponseT")
 MessageT = TypeVar("MessageT", bound=Message)
 
 DictMessage: TypeAlias = "dict[str, Any]"
-"""A message as `to_dict` returns it; the types of its values depend on the definition."""
+"""Message as a dict, as `to_dict` returns it; the types of its values depend on the definition."""
 
 _BUFFER_BASES = ("uint8", "char")
-"""Element types that rosidl stores in buffers; `byte` is not among them."""
+"""Element types of arrays that rosidl stores in buffers; `byte` is not one of them."""
 
 # Separate from the classes of `dynamic`, because programs that forward bytes subscribe with a class that has the hash
 # of a type and no fields, which a search for a class of that hash must not find.
@@ -46,7 +46,8 @@ class MessageType(Generic[T]):
     Attributes:
         ros_name: ``pkg/msg/Name``, or ``pkg/srv/Name_Request``.
         type_hash: RIHS01 text.
-        encode: returns 4-byte header and CDR of a message; raises EncodeError, or TypeError for another type.
+        encode: returns 4-byte header and CDR of a message; raises EncodeError, or TypeError for a message of another
+            type.
         decode: returns the message; raises DecodeError.
     """
 
@@ -58,7 +59,14 @@ class MessageType(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class ServiceType(Generic[RequestT, ResponseT]):
-    """Service type as entities use it; `type_hash` is the hash of the service, not of a message."""
+    """Service type as entities use it.
+
+    Attributes:
+        ros_name: ``pkg/srv/Name``.
+        type_hash: RIHS01 text of the service, not of a message.
+        request: type of the request.
+        response: type of the response.
+    """
 
     ros_name: str
     type_hash: str
@@ -67,18 +75,31 @@ class ServiceType(Generic[RequestT, ResponseT]):
 
 
 def message_type(source: type[Message] | str, *, arrays: bool = False) -> MessageType[Any]:
-    """Return the `MessageType` of a class or text; `arrays` decodes fixed-size messages as structured arrays.
+    """Return the `MessageType` of a message class or a type name.
+
+    Args:
+        source: class, or a name such as ``"std_msgs/msg/String"``.
+        arrays: decode sequences of fixed-size messages as structured arrays; not with a name.
 
     Raises:
-        TypeNotFoundError: the text names no known type.
-        TypeError: `source` is neither text nor message class, or a text is combined with `arrays`.
+        TypeNotFoundError: there is no type with the name.
+        TypeError: `source` is neither a name nor a message class, or a name is combined with `arrays`.
     """
     cls = generated_class(source, Message, "std_msgs/msg/String", arrays=arrays)
     return _converters(source, arrays)(cls)
 
 
 def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False) -> ServiceType[Any, Any]:
-    """Return the `ServiceType` of a class or text; parameters and exceptions as for `message_type`."""
+    """Return the `ServiceType` of a service class or a type name.
+
+    Args:
+        source: class, or a name such as ``"std_srvs/srv/Trigger"``.
+        arrays: decode sequences of fixed-size messages as structured arrays; not with a name.
+
+    Raises:
+        TypeNotFoundError: there is no type with the name.
+        TypeError: `source` is neither a name nor a service class, or a name is combined with `arrays`.
+    """
     cls = generated_class(source, Service, "example_interfaces/srv/AddTwoInts", arrays=arrays)
     _remember(cls)
     make = _converters(source, arrays)
@@ -86,7 +107,18 @@ def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False)
 
 
 def generated_class(source: object, base: type[Any], example: str, *, arrays: bool) -> Any:
-    """Return the class of a message, service or action, which is given as class or text; raises as `message_type`."""
+    """Return the class of a message, service or action type, which is given as a class or by its name.
+
+    Args:
+        source: class or name.
+        base: expected base: `Message`, `Service` or `Action`.
+        example: name for the error text.
+        arrays: the caller requests structured arrays, which need a class.
+
+    Raises:
+        TypeNotFoundError: there is no type with the name.
+        TypeError: `source` is neither a name nor such a class, or a name is combined with `arrays`.
+    """
     kind = base.__name__.lower()
     if isinstance(source, str):
         if arrays:
@@ -102,24 +134,24 @@ def _converters(source: object, arrays: bool) -> Callable[[type[Any]], MessageTy
 
 
 def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
-    """Return the class that an entity of this process uses for a type; None for lazily imported types.
+    """Return the class that an entity of this process uses for a type; None if no entity uses it, or uses a lazy type.
 
-    The hash is needed because a class that is compiled from text may have the name of another one.
+    The hash is necessary because a class that was compiled at run time may have the same type name as another class.
     """
     return _classes.get((ros_name, type_hash))
 
 
 def _remember(cls: type[Any]) -> None:
-    """Make `class_of` find a class. A class without fields, which only forwards bytes, replaces no other one."""
+    """Store a class for `class_of`. A class without fields, which only forwards bytes, replaces no other class."""
     known = _classes.setdefault((cls._TYPE.name, cls._TYPE.hash), cls)
     if known is not cls and getattr(cls._TYPE, "fields", True):
         _classes[cls._TYPE.name, cls._TYPE.hash] = cls
 
 
 def has_unbounded_bytes(message_type: MessageType[Any]) -> bool:
-    """Return True if messages contain an unbounded byte array at any depth, or are raw with unknown fields.
+    """Return True if a message of the type can contain an unbounded byte array at any depth.
 
-    Lazily imported types contain none.
+    Messages that remain bytes and whose fields are unknown count as True. Lazy types contain no such array.
     """
     cls = class_of(message_type.ros_name, message_type.type_hash)
     if cls is None or not cls._TYPE.fields:
@@ -130,7 +162,7 @@ def has_unbounded_bytes(message_type: MessageType[Any]) -> bool:
 
 
 def raw_type(message_type: MessageType[Any]) -> MessageType[bytes]:
-    """Return a type whose messages remain bytes."""
+    """Return a copy of a message type whose messages are serialized bytes, which are not encoded and decoded."""
     return MessageType(message_type.ros_name, message_type.type_hash, bytes, bytes)
 
 
@@ -165,14 +197,14 @@ def _untyped(cls: type[Message]) -> MessageType[DictMessage]:
 
 
 def lazy_service_type(name: str) -> ServiceType[Any, Any]:
-    """Return the type that `service_type` returns for a service of the bundled packages."""
+    """Return the `ServiceType` of a bundled service, whose class is imported when a message is encoded or decoded."""
     load = cache(lambda: service_type(_bundled_class(name)))
     request = _lazy_type(f"{name}_Request", lambda: load().request)
     return ServiceType(name, HASHES[name], request, _lazy_type(f"{name}_Response", lambda: load().response))
 
 
 def lazy_message_type(name: str) -> MessageType[Any]:
-    """Return the type that `message_type` returns for a message of the bundled packages."""
+    """Return the `MessageType` of a bundled message, whose class is imported when a message is encoded or decoded."""
     return _lazy_type(name, cache(lambda: message_type(_bundled_class(name))))
 
 

@@ -1,7 +1,8 @@
 """Publishers.
 
-If a reliable reader is so slow that the transport makes the writer wait, a sample published on the event loop's thread
-goes into a `SendQueue`, which has the depth of the publisher. On any other thread `publish` blocks, without the GIL.
+If a reliable reader is so slow that the transport makes the writer wait, a sample published on the thread that runs the
+event loop goes into a `SendQueue`, which has the depth of the publisher. On any other thread `publish` blocks, without
+the GIL.
 """
 
 from __future__ import annotations
@@ -52,15 +53,15 @@ class Publisher(Entity, Generic[T]):
         super().__init__(scope)
         self._loop_binding = scope.loop_binding
         self.topic: str = topic
-        """Fully qualified name, after expansion and remapping."""
+        """Fully qualified name of the topic, after expansion and remapping."""
         self.message_type: str = message_type.ros_name
-        """``pkg/msg/Name``."""
+        """Name of the message type: ``pkg/msg/Name``."""
         self._topic_key = TopicKey.of_topic(topic, qos)
         spec = EndpointSpec(self._topic_key, self.message_type, qos, message_type.type_hash, scope.number)
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(self._topic_key, writers=False)]
         self.qos: QoSProfile = resolve_best_available(qos, publisher=True, peers=peers)
-        """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
+        """QoS profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._encode = message_type.encode
         self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
         self._write = self._writer.write
@@ -75,7 +76,7 @@ class Publisher(Entity, Generic[T]):
         scope.register(self, writer=self._writer.guid)
 
     def publish(self, message: T) -> None:
-        """Send a message; from any thread. On the event loop's thread it returns at once.
+        """Send a message, from any thread. On the thread that runs the event loop, the method returns at once.
 
         Raises:
             EncodeError: the message does not fit its type.
@@ -110,7 +111,7 @@ class Publisher(Entity, Generic[T]):
             self._send_later(partial(self._write, bytes(data)))
 
     def _publish_without_waiting(self, message: T) -> None:
-        """Publish and return at once on every thread; for logging, which must not delay its caller."""
+        """Publish a message and return at once on every thread; for logging, which must not delay its caller."""
         data = self._encode(message)
         if not self._closed:
             self._send_queue.send(partial(self._write, data))
@@ -129,12 +130,12 @@ class Publisher(Entity, Generic[T]):
         return 0 if self._closed else len(self._writer.matched_readers())
 
     def get_subscription_count(self) -> int:
-        """Return `subscription_count`; the name in rclpy."""
+        """Return `subscription_count`; for compatibility with rclpy."""
         return self.subscription_count
 
     @property
     def topic_name(self) -> str:
-        """Topic name, equal to `topic`; the name in rclpy."""
+        """Topic name, equal to `topic`; for compatibility with rclpy."""
         return self.topic
 
     def matched_subscriptions(self) -> list[bytes]:
@@ -148,7 +149,7 @@ class Publisher(Entity, Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Number of messages that newer ones replaced in the full send queue before they were sent (keep-last only)."""
+        """Number of messages that newer ones replaced in the full send queue, unsent (keep-last publishers only)."""
         return self._send_queue.dropped
 
     @property
@@ -160,7 +161,7 @@ class Publisher(Entity, Generic[T]):
         """Wait until at least `count` subscriptions are matched.
 
         Raises:
-            WaitTimeoutError: fewer were matched within `timeout_s`.
+            WaitTimeoutError: fewer subscriptions were matched within `timeout_s`.
             ClosedError: the publisher is closed, also while waiting.
         """
         return await self._scope.wait_or_raise(
@@ -181,7 +182,7 @@ class Publisher(Entity, Generic[T]):
         """Wait until every reliable subscription has acknowledged all messages.
 
         Raises:
-            WaitTimeoutError: a subscription has not acknowledged all of them within `timeout_s`.
+            WaitTimeoutError: a subscription has not acknowledged all messages within `timeout_s`.
         """
         return await self._scope.wait_or_raise(
             lambda: self._send_queue.flush() and self._writer.all_acknowledged(),
@@ -197,9 +198,10 @@ class Publisher(Entity, Generic[T]):
     wait_for_acknowledged_sync = blocking(wait_for_acknowledged)
 
     def assert_liveliness(self) -> None:
-        """Declare that this publisher is alive; needed with manual liveliness while nothing is published.
+        """Declare that this publisher is alive; needed with manual liveliness while it publishes nothing.
 
-        Must be called before the lease expires. After that, peers accept the publisher again when it publishes.
+        The method must be called before the liveliness lease expires. After that, peers accept the publisher again when
+        it publishes.
         """
         self._require_open()
         self._writer.assert_liveliness()

@@ -1,6 +1,6 @@
-"""Service servers: a handler, or an async iterator of requests that are answered at any later time.
+"""Service servers: a handler, or an async iterator over requests that the program answers at any later time.
 
-Plain handlers run on the event loop, async ones as concurrent tasks. The exception of a handler is logged and no
+Plain handlers run on the event loop, async handlers as concurrent tasks. The exception of a handler is logged and no
 response is sent, as in ROS: the client's call times out.
 
 A response that is sent before the client's reply reader is matched would be lost. So the server waits for the match,
@@ -33,20 +33,21 @@ ResponseT = TypeVar("ResponseT")
 
 _RESPONSE_HINT = "; it makes the response itself and returns it"
 _CLIENT_MATCH_TIMEOUT_S = 5.0
-"""Maximum wait for the client's reader before a response is dropped. Endpoints of a Fast DDS participant are discovered
-up to 1.2 s after it has discovered ours and calls (docs/internals/dds.md 6). rmw_cyclonedds waits 0.1 s
-(docs/internals/protocol.md 5.2).
+"""Maximum time to wait for the match with a client's reply reader before the response is dropped.
+
+Endpoints of a Fast DDS participant are discovered up to 1.2 s after it has discovered ours and calls
+(docs/internals/dds.md 6). rmw_cyclonedds waits 0.1 s (docs/internals/protocol.md 5.2).
 """
 _CLIENT_MATCH_POLL_INTERVAL_S = 0.01
-"""Interval of the check for the client's reader; DDS reports no event of the match."""
+"""Interval of the checks for the match with a client's reply reader; DDS reports no event of the match."""
 
 
 class AlreadyRespondedError(RosidlError, RuntimeError):
-    """A request was answered already; a goal request or cancel request may also have ended automatically."""
+    """Raised if a request was answered already; a goal or cancel request may also have ended automatically."""
 
 
 class RequestInfo(NamedTuple):
-    """Times and origin of a request.
+    """Times and origin of a service request.
 
     Attributes:
         source_timestamp_ns: time of sending, by the client's clock, ns since the epoch.
@@ -62,7 +63,7 @@ class RequestInfo(NamedTuple):
 
 
 class ServiceRequest(Generic[RequestT, ResponseT]):
-    """Request to a server; it may be answered from any thread, at any later time, or not at all."""
+    """Request that a server has received; it may be answered from any thread, at any later time, or not at all."""
 
     __slots__ = ("_origin", "_responded", "_server", "_times_ns", "message")
 
@@ -82,14 +83,14 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
 
     @property
     def info(self) -> RequestInfo:
-        """Times, client and sequence number."""
+        """Times, client and sequence number of the request."""
         return RequestInfo(*self._times_ns, *self._server._transport_server.request_origin(self._origin))
 
     def respond(self, response: ResponseT) -> None:
-        """Send the response; returns at once.
+        """Send the response to the client; return at once.
 
         Raises:
-            EncodeError: the response does not fit its type; another one may be sent.
+            EncodeError: the response does not fit its type; another response may be sent.
             AlreadyRespondedError: the request was answered before.
             ClosedError: the server is closed.
         """
@@ -153,7 +154,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         return self._requests.waiting > 0
 
     def _on_requests(self) -> Callable[[], None] | None:
-        """Sink of the request reader."""
+        """Read the received requests, or return a function that handles them (sink of the request reader)."""
         if self._callback is not None:
             return self._read_all
         self._read_all()
@@ -241,11 +242,11 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             self._scope.logger.warning(f"dropped a response of {self.name}: its client's reader never appeared")
 
     def matched_clients(self) -> list[bytes]:
-        """Return the GUIDs of the matched request writers."""
+        """Return the GUIDs of the matched clients' request writers."""
         return self._transport_server.connected()
 
     def close(self) -> None:
-        """Stop serving: iterators end, running handlers continue without sending a response. May be called twice."""
+        """Close the server: iterators end, running handlers continue, but no response is sent. May be called twice."""
         self._transport_server.release()
         self._send_queue.flush()
         if self._begin_close(*self._transport_server.endpoints):

@@ -32,22 +32,26 @@ TransportEndT = TypeVar("TransportEndT", TransportClient, TransportServer)
 
 
 class IncompatibleServiceError(RosidlError):
-    """The service peer uses a wire format that is not supported here; one of the two must change its middleware."""
+    """Raised if a peer of a service uses an unsupported wire format; client or server must change its middleware."""
 
 
 class ServerLostError(RosidlError, ConnectionError):
-    """The server left before it replied, or reported an error; it may or may not have handled the request.
+    """Raised if a server left before it replied, or reported an error; it may or may not have handled the request.
 
     A server that was killed is detected when its lease expires: on DDS after 10 s, on Fast DDS after 20 s.
     """
 
 
 class CallTimeoutError(RosidlError, TimeoutError):
-    """No response arrived in time; the server may or may not have handled the request."""
+    """Raised if no response arrived in time; the server may or may not have handled the request."""
 
 
 class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
-    """Base of clients and servers; subclasses own the `TransportClient` or `TransportServer`, its sink and `close`."""
+    """Base of service clients and servers.
+
+    Subclasses own the `TransportClient` or `TransportServer` and the sink (function that takes received data), and
+    implement `close`.
+    """
 
     def __init__(
         self,
@@ -62,11 +66,11 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         self._mode = checked_mode(type_hash_check, scope.type_hash_check)
         super().__init__(scope)
         self.name: str = name
-        """Fully qualified service name, after expansion and remapping."""
+        """Fully qualified name of the service, after expansion and remapping."""
         self.service_type: str = service_type.ros_name
-        """``pkg/srv/Name``."""
+        """Name of the service type: ``pkg/srv/Name``."""
         self.qos: QoSProfile = service_endpoint_qos(qos)
-        """Profile in use; its history is always keep-all."""
+        """QoS profile in use; its history is always keep-all."""
         self._type = service_type
         self._is_client = is_client
         self._throttle = Throttle(scope.clocks)
@@ -114,7 +118,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
 
     @property
     def srv_name(self) -> str:
-        """Service name, equal to `name`; the name in rclpy."""
+        """Service name, equal to `name`; for compatibility with rclpy."""
         return self.name
 
     @property
@@ -133,7 +137,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         Args:
             clock: stamps the events; usually the node's clock.
             qos: profile of the publisher; used when introspection was OFF before.
-            state: amount of introspection.
+            state: contents of the events; OFF stops publishing.
 
         Raises:
             TypeError: clock or state has another type; nothing is changed.
@@ -161,16 +165,16 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
 
 
 def service_endpoint_qos(qos: QoSProfile) -> QoSProfile:
-    """Return the profile of a service's endpoints: as requested, but with history keep-all.
+    """Return the QoS profile for the endpoints of a service: the requested one, but with history keep-all.
 
-    An overwritten request or response is a call that never returns. History takes no part in matching, so peers with
+    An overwritten request or response is a call that never returns. History does not affect matching, so peers with
     keep-last 10, the default of ROS, match anyway.
     """
     return without_best_available(qos).keep_all()
 
 
 def incompatible_peer_text(graph: Graph, peer: IncompatiblePeer, service: str, role: str) -> str:
-    """Return the error text about a service peer that cannot be called or served."""
+    """Return the error text about a peer of a service that cannot be called or served."""
     endpoint = graph.endpoints.get(peer.guid)
     node = "a node" if endpoint is None else graph.describe_node(endpoint)
     if not peer.has_topics:

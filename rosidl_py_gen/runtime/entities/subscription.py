@@ -90,9 +90,9 @@ class Subscription(PollableEntity, Generic[T]):
         checked = user_callback(scope, callback, subject, "the message", hint=_INFO_HINT, type_hint=QOS_HINT)
         super().__init__(scope)
         self.topic: str = topic
-        """Fully qualified name, after expansion and remapping."""
+        """Fully qualified name of the topic, after expansion and remapping."""
         self.message_type: str = message_type.ros_name
-        """``pkg/msg/Name``."""
+        """Name of the message type: ``pkg/msg/Name``."""
         self.undecodable: int = 0
         """Number of samples that could not be decoded."""
         self._count_lock = threading.RLock()
@@ -117,7 +117,7 @@ class Subscription(PollableEntity, Generic[T]):
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(self._topic_key, writers=True)]
         self.qos: QoSProfile = resolve_best_available(qos, publisher=False, peers=peers)
-        """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
+        """QoS profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
         self._type_hash_filter = TypeHashFilter(
@@ -133,7 +133,7 @@ class Subscription(PollableEntity, Generic[T]):
         scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.converts)
         depth = self._reader.queue.depth
         self._warning_length = depth if depth > 1 else -1
-        """Length of a full queue, at which dropped messages are checked for; -1 if no warning is due any more."""
+        """Queue length from which on drops cause a warning; -1 after the warning, or if the depth is 1."""
         self._events = watch_events(
             scope, self._reader, self._reader.matched_writers, event_callbacks, self._described()
         )
@@ -154,7 +154,7 @@ class Subscription(PollableEntity, Generic[T]):
         raise StopAsyncIteration
 
     async def receive(self, timeout_s: float | None = None) -> T:
-        """Return the oldest message that was not taken yet; wait for one if there is none.
+        """Return the oldest message that was not taken yet; wait for a message if there is none.
 
         Raises:
             WaitTimeoutError: no message arrived within `timeout_s`; a `TimeoutError`.
@@ -165,7 +165,7 @@ class Subscription(PollableEntity, Generic[T]):
     receive_sync = blocking(receive)
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Return the message of `receive`, with its timestamps and publisher's GID.
+        """Return the message of `receive`, with its `MessageInfo` (timestamps, GID of the publisher).
 
         Raises:
             WaitTimeoutError: no message arrived within `timeout_s`; a `TimeoutError`.
@@ -179,8 +179,8 @@ class Subscription(PollableEntity, Generic[T]):
     def take(self) -> T | None:
         """Return the oldest message that was not taken yet, or None, without waiting; from any thread.
 
-        Received messages are available without an event loop, except if the context has a `LoopRunner`, which must
-        wait to receive. If messages are not taken, the oldest ones are dropped according to the depth.
+        Received messages are available without an event loop, except if the context has a `LoopRunner`: its loop must
+        run to receive. If messages are not taken, the oldest messages are dropped according to the depth.
 
         Raises:
             CallbackInUseError: the subscription has a callback.
@@ -190,7 +190,12 @@ class Subscription(PollableEntity, Generic[T]):
         return None if taken is None else taken[0]
 
     def take_with_info(self) -> tuple[T, MessageInfo] | None:
-        """Return the message of `take`, with its timestamps and publisher's GID."""
+        """Return the message of `take`, with its `MessageInfo` (timestamps, GID of the publisher), or None.
+
+        Raises:
+            CallbackInUseError: the subscription has a callback.
+            ClosedError: the subscription or its node is closed.
+        """
         taken = self._take_next()
         return None if taken is None else (taken[0], self._info(taken[1]))
 
@@ -244,7 +249,9 @@ class Subscription(PollableEntity, Generic[T]):
     def _take(self, newest_of: list[Sample] | None = None) -> tuple[T, Sample] | None:
         """Return the oldest message that can be decoded, or None; several threads may take at once.
 
-        With `newest_of`, return the newest one of a list, whose last samples are removed.
+        Args:
+            newest_of: list of samples; return the newest message of the list instead, and remove the samples from its
+                end.
         """
         items = self._items if newest_of is None else newest_of
         while items and not self._closed:
@@ -263,10 +270,13 @@ class Subscription(PollableEntity, Generic[T]):
         return None
 
     def latest(self) -> T | None:
-        """Return the newest message without waiting, or None before the first one; older ones are skipped.
+        """Return the newest message without waiting, or None before the first message; older messages are skipped.
 
-        If `receive` or an iteration has returned the newest message, the same object is returned again. Raises as
-        `take`.
+        If `receive` or an iteration has returned the newest message, the same object is returned again.
+
+        Raises:
+            CallbackInUseError: the subscription has a callback.
+            ClosedError: the subscription or its node is closed.
         """
         self._require_takeable()
         self._reader.fetch()
@@ -280,7 +290,7 @@ class Subscription(PollableEntity, Generic[T]):
         return self._latest
 
     def _arrival(self, timeout_s: float | None = None) -> Awaitable[bool]:
-        """Wait until the queue is not empty or the subscription is closed; False if the time has passed."""
+        """Wait until the queue is not empty or the subscription is closed; return False if the time has passed."""
         self._scope.loop_binding.running_loop()
         return self._waiters.wait(self._has_news, timeout_s)
 
@@ -296,12 +306,12 @@ class Subscription(PollableEntity, Generic[T]):
         return f"the subscription on {self.topic}"
 
     def _deliver(self) -> None:
-        """Call back for the samples that DDS has received, without waiting until the loop reads them."""
+        """Call the callback for the samples that DDS has received, without waiting until the event loop reads them."""
         self._reader.fetch()
         self._call_back()
 
     def _deliver_without_loop(self) -> None:
-        """Call back for the received messages, unless an event loop runs, which does it. Thread: any."""
+        """Call the callback for the received messages, unless an event loop runs, which does so. Thread: any."""
         scope = self._scope
         if self._closed or scope.closed or scope.loop_binding.is_running or not self._is_ready():
             return
@@ -316,7 +326,7 @@ class Subscription(PollableEntity, Generic[T]):
                 scope.loop_binding.call_in_loop(self._call_back)
 
     def _on_data(self) -> Callable[[], None] | None:
-        """Sink of the reader. Thread: loop."""
+        """Return a function that handles received messages, and wake up waiters (sink of the reader). Thread: loop."""
         if self._callback is not None:
             return self._call_back
         self._waiters.wake()
@@ -382,7 +392,7 @@ class Subscription(PollableEntity, Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Number of messages that the queue dropped because they were not taken in time, without undecodable ones.
+        """Number of messages that the full queue dropped before they were taken; undecodable messages do not count.
 
         If a callback is too slow, the first drop is logged, unless the depth is 1.
         """
@@ -404,12 +414,12 @@ class Subscription(PollableEntity, Generic[T]):
         return 0 if self._closed else len(self._reader.matched_writers())
 
     def get_publisher_count(self) -> int:
-        """Return `publisher_count`; the name in rclpy."""
+        """Return `publisher_count`; for compatibility with rclpy."""
         return self.publisher_count
 
     @property
     def topic_name(self) -> str:
-        """Topic name, equal to `topic`; the name in rclpy."""
+        """Topic name, equal to `topic`; for compatibility with rclpy."""
         return self.topic
 
     @property
@@ -421,7 +431,7 @@ class Subscription(PollableEntity, Generic[T]):
         """Wait until at least `count` publishers are matched.
 
         Raises:
-            WaitTimeoutError: fewer were matched within `timeout_s`.
+            WaitTimeoutError: fewer publishers were matched within `timeout_s`.
             ClosedError: the subscription is closed, also while waiting.
         """
         return await self._scope.wait_or_raise(
@@ -439,7 +449,7 @@ class Subscription(PollableEntity, Generic[T]):
         return self._scope.why_unmatched(self._reader.guid, self._topic_key, is_writer=False, matched=matched).text
 
     def _why_silent(self) -> str:
-        """Return why no message was received."""
+        """Return a text with the reason why no message was received; "" if it is unknown."""
         if not (count := self.publisher_count):
             return self._why_unmatched()
         if self.incompatible_dropped and (

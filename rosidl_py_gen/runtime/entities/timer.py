@@ -1,7 +1,7 @@
 """Timers on the event loop.
 
-`time/clock_timer.py` computes when a timer is due. Callbacks run like callbacks of subscriptions; periods that pass
-while an async callback runs are skipped and counted. Timers may be created, reset and closed in any thread.
+The module `time/clock_timer.py` computes when a timer is due. Callbacks run like callbacks of subscriptions; periods
+that pass while an async callback runs are skipped and counted. Timers may be created, reset and closed in any thread.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ class Timer(PollableEntity):
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
         self._tick: list[Duration] = []
-        """Result of the next tick, shared by all waiters; empty until then."""
+        """List for the result of the next tick, shared by all tasks that wait for it; empty until the tick."""
         self.missed: int = 0
-        """Number of periods that were skipped."""
+        """Number of periods that were skipped, because the callback or program was too slow."""
         self.call_count: int = 0
-        """Number of calls or ticks."""
+        """Number of calls of the callback, or of ticks that the program has taken."""
         self._clock_timer = ClockTimer(clock, self._schedule, lambda: scope.loop_binding.loop, self._on_due)
         self._start_registration = scope.loop_binding.on_bind(self._clock_timer.arm_threadsafe)
         scope.register(self)
 
     async def tick(self) -> Duration:
-        """Wait until the timer is due; return the time since the previous tick (since creation for the first one).
+        """Wait until the timer is due; return the time since the previous tick (since creation for the first tick).
 
         If the timer is due already, return at once; further missed ticks are skipped.
 
@@ -84,7 +84,7 @@ class Timer(PollableEntity):
     def take(self) -> Duration | None:
         """Return the time since the previous tick if the timer is due, else None, without waiting; from any thread.
 
-        Missed ticks are skipped and counted.
+        Missed ticks are skipped and counted in `missed`.
 
         Raises:
             CallbackInUseError: the timer has a callback.
@@ -133,11 +133,11 @@ class Timer(PollableEntity):
 
     @property
     def period(self) -> Duration:
-        """Time between two calls."""
+        """Time between two calls or ticks of the timer."""
         return Duration(nanoseconds=self._schedule.period_ns)
 
     def change_period(self, period_s: float) -> None:
-        """Change the period after the next call, whose time remains.
+        """Change the period; the time of the next call remains, and the new period starts there.
 
         Raises:
             TypeError: `period_s` is not a number.
@@ -153,21 +153,28 @@ class Timer(PollableEntity):
 
     @property
     def is_ready(self) -> bool:
-        """True when a call is due."""
+        """True when a call or tick of the timer is due."""
         return self._schedule.is_ready(self._clock.now_ns())
 
     def time_until_next_call(self) -> Duration | None:
-        """Return the time until the timer is due, negative if overdue; None if canceled, or without simulated time."""
+        """Return the time until the timer is due, negative if it is overdue; None if the timer is canceled.
+
+        The result is also None for a timer of simulated time before the first message on ``/clock``.
+        """
         left_ns = self._schedule.time_until_ns(self._clock.now_ns())
         return None if left_ns is None else Duration(nanoseconds=left_ns)
 
     def cancel(self) -> None:
-        """Stop the timer until `reset`; waiters for a tick continue to wait."""
+        """Stop the timer until `reset`; tasks that wait for a tick continue to wait."""
         self._schedule.canceled = True
         self._clock_timer.arm_threadsafe()
 
     def reset(self) -> None:
-        """Start a period now, also if the timer was canceled; raises `ClosedError`."""
+        """Start a new period now, also if the timer was canceled.
+
+        Raises:
+            ClosedError: the timer or its node is closed.
+        """
         self._require_open()
         now_ns = self._clock.now_ns()
         with self._schedule_lock:
@@ -180,7 +187,7 @@ class Timer(PollableEntity):
         return entity_repr(self, *details, peers=lambda: self.call_count, peer="call")
 
     def close(self) -> None:
-        """Stop the timer; waiters for a tick get `ClosedError`. May be called twice."""
+        """Stop the timer for good; tasks that wait for a tick get `ClosedError`. May be called twice."""
         if self._begin_close():
             self._start_registration.close()
             if self._callback is not None:

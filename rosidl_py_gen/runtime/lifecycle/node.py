@@ -25,15 +25,15 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class LifecycleNode(Node):
-    """Node that peers configure, activate and shut down; arguments as `Node`.
+    """Lifecycle node, which peers configure, activate and shut down; arguments as for `Node`.
 
     Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Each ``on_...`` may be plain
     or async, gets the previous state, and returns a `TransitionCallbackReturn` or a number TRANSITION_CALLBACK_... .
     None and other true values mean SUCCESS, false values FAILURE, an exception ERROR. Without its own `on_error` a
     failed node is finalized.
 
-    A transition that is cancelled ends as an error: `on_error` runs and decides about the state, then the caller gets
-    its CancelledError. A callback that suppresses the cancellation decides by its return value.
+    A transition whose caller is cancelled ends as an error: `on_error` runs and decides about the state, then the
+    caller gets its CancelledError. A callback that suppresses the cancellation decides by its return value.
     """
 
     _machine: LifecycleMachine
@@ -45,31 +45,31 @@ class LifecycleNode(Node):
         return self.state is State.UNCONFIGURED
 
     def on_configure(self, state: State) -> Any:
-        """Prepare the node, which becomes inactive."""
+        """Prepare the node (override this method); on success the node becomes inactive."""
 
     def on_cleanup(self, state: State) -> Any:
-        """Undo `on_configure`."""
+        """Undo `on_configure` (override this method); on success the node becomes unconfigured."""
 
     def on_activate(self, state: State) -> Any:
-        """Start working."""
+        """Start working (override this method); on success the node becomes active."""
 
     def on_deactivate(self, state: State) -> Any:
-        """Stop working."""
+        """Stop working (override this method); on success the node becomes inactive."""
 
     def on_shutdown(self, state: State) -> Any:
-        """Release everything; the node becomes finalized."""
+        """Release all resources (override this method); the node becomes finalized."""
 
     def on_error(self, state: State) -> Any:
-        """Recover: SUCCESS makes the node unconfigured, all else finalized."""
+        """Recover from an error (override this method): SUCCESS makes the node unconfigured, all else finalized."""
         return TransitionCallbackReturn.FAILURE
 
     @property
     def state(self) -> State:
-        """Current state."""
+        """Current lifecycle state of the node."""
         return self._machine.state
 
     async def configure(self) -> TransitionCallbackReturn:
-        """Configure the node.
+        """Change from unconfigured to inactive if `on_configure` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not unconfigured.
@@ -79,7 +79,7 @@ class LifecycleNode(Node):
     configure_sync = blocking(configure)
 
     async def cleanup(self) -> TransitionCallbackReturn:
-        """Make the node unconfigured.
+        """Change from inactive to unconfigured if `on_cleanup` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not inactive.
@@ -89,7 +89,7 @@ class LifecycleNode(Node):
     cleanup_sync = blocking(cleanup)
 
     async def activate(self) -> TransitionCallbackReturn:
-        """Activate the node.
+        """Change from inactive to active if `on_activate` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not inactive.
@@ -99,7 +99,7 @@ class LifecycleNode(Node):
     activate_sync = blocking(activate)
 
     async def deactivate(self) -> TransitionCallbackReturn:
-        """Make the node inactive.
+        """Change from active to inactive if `on_deactivate` succeeds, and return its result.
 
         Raises:
             TransitionError: the node is not active.
@@ -109,7 +109,7 @@ class LifecycleNode(Node):
     deactivate_sync = blocking(deactivate)
 
     async def shutdown(self) -> TransitionCallbackReturn:
-        """Finalize the node.
+        """Change to finalized, and return the result of `on_shutdown`.
 
         Raises:
             TransitionError: the node is finalized, or in a transition.

@@ -1,7 +1,7 @@
-"""State machine of a lifecycle node: transitions, callbacks, services, the event, and lifecycle publishers.
+"""State machine of a lifecycle node: transitions, callbacks, services, the topic of transition events, and publishers.
 
-During a transition, requests for another one are refused. A transition that is cancelled is completed as an error,
-including error processing, so that the node is never left in a transition state.
+During a transition, requests for another transition are refused. A transition that is cancelled is completed as an
+error, including error processing, so that the node is never left in a transition state.
 Source: docs/internals/protocol.md 12.2.
 """
 
@@ -44,11 +44,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _MAX_LABEL_CHARS = 100
-"""Maximum length of the label of a request in an error; the labels of transitions are shorter."""
+"""Maximum length of the requested label that an error quotes; the labels of transitions are shorter."""
 
 
 class State(IntEnum):
-    """Numbers of lifecycle_msgs/State: 1 to 4 are primary states, 10 to 15 transition states."""
+    """State of a lifecycle node, numbered as in lifecycle_msgs/State: 1 to 4 primary, 10 to 15 transition states."""
 
     UNKNOWN = 0
     UNCONFIGURED = 1
@@ -64,12 +64,12 @@ class State(IntEnum):
 
     @property
     def label(self) -> str:
-        """Name in messages."""
+        """Name of the state in messages, such as ``unconfigured``."""
         return self.name.lower()
 
 
 class TransitionCallbackReturn(Enum):
-    """Result of a transition callback; the values are labels of transitions."""
+    """Result of a transition callback (``on_configure`` and so on); the values are labels of transitions."""
 
     SUCCESS = "transition_success"
     FAILURE = "transition_failure"
@@ -78,13 +78,13 @@ class TransitionCallbackReturn(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """Row of `LIFECYCLE_TRANSITIONS`.
+    """Transition of a lifecycle node, a row of `LIFECYCLE_TRANSITIONS`.
 
     Attributes:
-        id: as in lifecycle_msgs/Transition; numbers below 10 can be requested, the others result from callbacks.
-        label: such as ``configure`` or ``transition_success``.
+        id: number as in lifecycle_msgs/Transition; numbers below 10 can be requested, the others result from callbacks.
+        label: name such as ``configure`` or ``transition_success``.
         start: state before the transition.
-        goal: state after it.
+        goal: state after the transition.
     """
 
     id: int
@@ -94,7 +94,7 @@ class Transition:
 
 
 class TransitionError(RosidlError):
-    """Raised for a transition that is not possible in the current state."""
+    """Raised for a transition that is not possible in the current state of a lifecycle node."""
 
 
 def _rows() -> tuple[Transition, ...]:
@@ -124,18 +124,24 @@ def _rows() -> tuple[Transition, ...]:
 
 
 LIFECYCLE_TRANSITIONS: tuple[Transition, ...] = _rows()
-"""All transitions of a lifecycle node in rcl_lifecycle's order: those to a transition state, then those from it."""
+"""All transitions of a lifecycle node in rcl_lifecycle's order.
+
+The transitions that lead to a transition state precede the transitions that start in it.
+"""
 _OUTCOMES = frozenset(outcome.value for outcome in TransitionCallbackReturn)
 _CALLBACK_RETURNS = {
     97: TransitionCallbackReturn.SUCCESS,
     98: TransitionCallbackReturn.FAILURE,
     99: TransitionCallbackReturn.ERROR,
 }
-"""Numbers TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which rclpy's callbacks return."""
+"""Number TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which rclpy's callbacks return -> result."""
 
 
 def to_callback_return(value: object) -> TransitionCallbackReturn:
-    """Convert the value that a callback returned: None and other true values are a success."""
+    """Convert the return value of a transition callback: None and true values are SUCCESS, false values FAILURE.
+
+    Numbers TRANSITION_CALLBACK_... of lifecycle_msgs/Transition are the results that they name.
+    """
     if isinstance(value, TransitionCallbackReturn):
         return value
     if isinstance(value, int) and int(value) in _CALLBACK_RETURNS:
@@ -144,12 +150,12 @@ def to_callback_return(value: object) -> TransitionCallbackReturn:
 
 
 def available_transitions(state: State) -> tuple[Transition, ...]:
-    """Return the transitions that start in `state`; those with an id below 10 can be requested."""
+    """Return the transitions that start in a state; the transitions with an id below 10 can be requested."""
     return tuple(row for row in LIFECYCLE_TRANSITIONS if row.start is state)
 
 
 def requested_transition(state: State, transition_id: int = 0, label: str = "") -> Transition | None:
-    """Return the transition of a ChangeState request, or None; a label takes precedence over the id.
+    """Return the transition that a ChangeState request selects by label, or else by id; None if it is not possible.
 
     The ``transition_...`` rows cannot be requested.
     """
@@ -160,9 +166,11 @@ def requested_transition(state: State, transition_id: int = 0, label: str = "") 
 
 
 def finished_transition(state: State, outcome: TransitionCallbackReturn) -> Transition:
-    """Return the transition that follows a callback of the transition state `state` with the result `outcome`.
+    """Return the transition that follows when the callback of a transition state has returned `outcome`.
 
-    Raises `TransitionError` if no callback runs in that state, `TypeError` for other objects.
+    Raises:
+        TransitionError: no callback runs in that state.
+        TypeError: an argument is not a `State` or not a `TransitionCallbackReturn`.
     """
     if not isinstance(state, State) or not isinstance(outcome, TransitionCallbackReturn):
         raise TypeError(f"expected a State and a TransitionCallbackReturn, got {state!r:.100} and {outcome!r:.100}")
@@ -185,7 +193,7 @@ _CALLBACKS = {
 
 
 class LifecyclePublisher(Publisher[T]):
-    """Publisher that sends only while its node is active, and else drops and counts the messages."""
+    """Publisher of a lifecycle node: sends while the node is active, else drops and counts the messages."""
 
     def __init__(
         self,
@@ -221,7 +229,7 @@ class LifecyclePublisher(Publisher[T]):
 
 
 class LifecycleMachine:
-    """State, services and transition event of one lifecycle node, whose ``on_...`` methods it calls."""
+    """State, services and transition event of one lifecycle node, whose ``on_...`` methods the machine calls."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: object, clock: Clock) -> None:
         self.state = State.UNCONFIGURED
@@ -251,7 +259,9 @@ class LifecycleMachine:
     async def change(self, transition_id: int = 0, label: str = "") -> TransitionCallbackReturn:
         """Run a transition, and error processing if it fails; return the result of the transition's own callback.
 
-        Raises `TransitionError` if it is not possible now, and CancelledError after it has ended as an error.
+        Raises:
+            TransitionError: the transition is not possible in the current state.
+            CancelledError: the caller was cancelled; the transition has ended as an error.
         """
         self._scope.require_open(False, "the lifecycle")
         row = requested_transition(self.state, transition_id, label)
@@ -272,7 +282,11 @@ class LifecycleMachine:
         return outcome
 
     async def _run(self, previous: State) -> tuple[TransitionCallbackReturn, bool]:
-        """Call the callback of the current state; return its result, and True if the caller was cancelled."""
+        """Call the callback of the current transition state.
+
+        Returns:
+            result of the callback, and True if the calling task was cancelled while the callback ran.
+        """
         name = _CALLBACKS[self.state]
         if self._scope.closed:  # by the previous callback
             return TransitionCallbackReturn.ERROR, False
@@ -305,7 +319,7 @@ class LifecycleMachine:
 
 
 def _transition_event_class() -> type[Any]:
-    """Return the class of the event in the selected distribution; Lyrical's class has a field ``stamp``."""
+    """Return the class of lifecycle_msgs/TransitionEvent in the selected distribution; Lyrical's has a ``stamp``."""
     distro = selected().name
     if distro != DEFAULT_DISTRO:
         from rosidl_py_gen.type_loading.class_lookup import distribution_definitions
@@ -317,7 +331,7 @@ def _transition_event_class() -> type[Any]:
 
 
 async def _await_uncancelled(task: asyncio.Future[Any]) -> bool:
-    """Wait for the end of a task; if the caller is cancelled, cancel the task, and return True."""
+    """Wait for the end of a task; if the calling task is cancelled, cancel the task, and return True after its end."""
     cancelled = False
     while not task.done():
         try:

@@ -43,7 +43,11 @@ class LogLevelError(RosidlError, ValueError):
 
 
 def parse_level(text: str) -> int:
-    """Return the number of a level name such as ``debug``, in any case; raises `LogLevelError`."""
+    """Return the number of a ROS log level, given by its name in upper or lower case, such as ``debug``.
+
+    Raises:
+        LogLevelError: there is no such level.
+    """
     level = _LEVELS.get(text.upper())
     if level is None:
         raise LogLevelError(f"unknown log level {text!r}; expected one of {', '.join(_LEVELS).lower()}")
@@ -51,17 +55,17 @@ def parse_level(text: str) -> int:
 
 
 def ros_level(level: int) -> int:
-    """Return the ROS level of a Python level: the highest of 10, 20, 30, 40, 50 that is not above it."""
+    """Return the ROS level for a Python level: the highest of 10, 20, 30, 40 and 50 that is not higher; at least 10."""
     return min(max(level // 10 * 10, DEBUG), FATAL)
 
 
 def logger_name(fully_qualified_node_name: str) -> str:
-    """Return the logger name of a node: ``/a/b/n`` becomes ``a.b.n``."""
+    """Return the logger name for the fully qualified name of a node: ``/a/b/n`` becomes ``a.b.n``."""
     return fully_qualified_node_name.strip("/").replace("/", ".")
 
 
 class LogOptions(TypedDict, total=False):
-    """Keyword arguments of a logging call; the last four are arguments of Python's `logging`."""
+    """Keyword arguments of a logging call of `RosLogger`; the last four are arguments of Python's `logging`."""
 
     once: bool
     throttle_s: float | None
@@ -75,61 +79,61 @@ class LogOptions(TypedDict, total=False):
 class RosLogger(logging.Logger):
     """Logger with the options of ROS, from `get_logger` or `node.logger`.
 
-    `once` logs only the first call of a line, `skip_first` all but the first, `throttle_s` one call in that interval
-    (steady time). Positional arguments are %-formatted into the message. A function that wraps a logger passes
-    ``stacklevel=2``, so that its caller's line counts.
+    With `once` a line of the program logs only its first call, with `skip_first` all but the first call, and with
+    `throttle_s` at most one call in that time, measured by the steady clock. Positional arguments are %-formatted into
+    the message. A function that wraps a logger passes ``stacklevel=2``, so that its caller's line counts.
     """
 
     def __init__(self, name: str, level: int = UNSET) -> None:
         super().__init__(name, level)
         self._lock = threading.Lock()
-        """Guards the call sites that were reached, and when one has last logged."""
+        """Guards the lines of the program that have called the logger, and the times when they last logged."""
         self._reached: set[tuple[str, int]] = set()
         self._logged_s: dict[tuple[str, int], float] = {}
 
     def debug(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at DEBUG."""
+        """Log a message at level DEBUG."""
         self._log_if(DEBUG, msg, args, **options)
 
     def info(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at INFO."""
+        """Log a message at level INFO."""
         self._log_if(INFO, msg, args, **options)
 
     def warning(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at WARN."""
+        """Log a message at level WARN."""
         self._log_if(WARN, msg, args, **options)
 
     warn = warning
-    """Name of `warning` in rclpy."""
+    """Alias of `warning`, with the name that rclpy uses."""
 
     def error(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at ERROR."""
+        """Log a message at level ERROR."""
         self._log_if(ERROR, msg, args, **options)
 
     def fatal(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at FATAL."""
+        """Log a message at level FATAL."""
         self._log_if(FATAL, msg, args, **options)
 
     critical = fatal
-    """Name of `fatal` in Python."""
+    """Alias of `fatal`, with the name that Python's `logging` uses."""
 
     def exception(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at ERROR with the traceback of the exception being handled."""
+        """Log a message at level ERROR with the traceback of the exception being handled."""
         options.setdefault("exc_info", True)
         self._log_if(ERROR, msg, args, **options)
 
     def log(self, level: int, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log at any level."""
+        """Log a message at any level, given by its number."""
         self._log_if(level, msg, args, **options)
 
     set_level = logging.Logger.setLevel
-    """Name of `setLevel` in rclpy."""
+    """Alias of `setLevel`, with the name that rclpy uses."""
 
     get_effective_level = logging.Logger.getEffectiveLevel
-    """Name of `getEffectiveLevel` in rclpy."""
+    """Alias of `getEffectiveLevel`, with the name that rclpy uses."""
 
     is_enabled_for = logging.Logger.isEnabledFor
-    """Name of `isEnabledFor` in rclpy."""
+    """Alias of `isEnabledFor`, with the name that rclpy uses."""
 
     def get_child(self, suffix: str) -> RosLogger:
         """Return the logger ``<name>.<suffix>``, whose records are published by the same node."""
@@ -193,14 +197,17 @@ _root.manager = _manager
 
 
 def get_root_logger() -> RosLogger:
-    """Return the root of all ROS loggers, to which handlers are added."""
+    """Return the root of all ROS loggers; handlers added to it get all records."""
     return _root
 
 
 def get_logger(name: str) -> RosLogger:
     """Return the ROS logger of a name, such as ``robot.driver`` for the node ``/robot/driver``; "" is the root.
 
-    Records of a node's logger and its children are published on ``/rosout``. Raises `TypeError` unless `name` is a str.
+    Records of a node's logger and its children are published on ``/rosout``.
+
+    Raises:
+        TypeError: `name` is not a string.
     """
     if not isinstance(name, str):
         raise TypeError(f"the name of a logger must be a str, got {name!r:.100}")
@@ -217,11 +224,17 @@ def internal_logger() -> RosLogger:
 
 
 failure_listeners: RegistrationSet[Callable[[str, BaseException], None]] = RegistrationSet()
-"""Functions that are called with a description and the exception of each failure; for the pytest plugin."""
+"""Functions called with a description and the exception of each failed callback; used by the pytest plugin."""
 
 
 def report_failure(activity: str, logger: RosLogger | None = None, effect: str = "nothing else is affected") -> None:
-    """Log the exception being handled, with its traceback, as a node or as `internal_logger`."""
+    """Log the exception being handled, with its traceback, and notify `failure_listeners`.
+
+    Args:
+        activity: what has failed, such as ``"the callback of /chatter"``.
+        logger: logger of a node; None uses `internal_logger`.
+        effect: end of the message, about the effect of the failure.
+    """
     (logger or internal_logger()).exception(f"{activity} failed; {effect}")
     error = sys.exc_info()[1]
     if error is not None:
@@ -230,22 +243,27 @@ def report_failure(activity: str, logger: RosLogger | None = None, effect: str =
 
 
 def node_logger(fully_qualified_node_name: str) -> RosLogger:
-    """Return the logger of a node; raises `InvalidNameError` if the last token is not a node name."""
+    """Return the logger of a node, given by its fully qualified name.
+
+    Raises:
+        InvalidNameError: the last part of the name is not a valid node name.
+    """
     validate_node_name(fully_qualified_node_name.rpartition("/")[2])
     return get_logger(logger_name(fully_qualified_node_name))
 
 
 def set_logger_level(name: str, level: int | str) -> None:
-    """Set the level of a logger, and of its children without a level.
+    """Set the level of a logger, which also applies to its children that have no level of their own.
 
     Args:
         name: name of the logger; empty for the root.
-        level: ``"debug"``, ``"info"``, ``"warn"``, ``"error"``, ``"fatal"`` or ``"unset"``, in any case, or its number,
-            10 to 50 and 0. ``"unset"`` makes the logger inherit its level again; the root becomes INFO.
+        level: ``"debug"``, ``"info"``, ``"warn"``, ``"error"``, ``"fatal"`` or ``"unset"``, in upper or lower case, or
+            the number of the level, 10 to 50 and 0. ``"unset"`` makes the logger inherit its level again; the root
+            becomes INFO.
 
     Raises:
         LogLevelError: the level does not exist.
-        TypeError: the name is not a str.
+        TypeError: the name is not a string.
     """
     number = parse_level(level) if isinstance(level, str) else level
     if not isinstance(number, int) or number not in LEVEL_NAMES:
@@ -255,12 +273,16 @@ def set_logger_level(name: str, level: int | str) -> None:
 
 
 def get_logger_level(name: str) -> int:
-    """Return the level that was set, 0 if the logger inherits its level; raises `TypeError` as `get_logger`."""
+    """Return the number of the level that was set for a logger; 0 if the logger inherits its level.
+
+    Raises:
+        TypeError: `name` is not a string.
+    """
     return get_logger(name).level
 
 
 def message_text(record: logging.LogRecord) -> str:
-    """Return the formatted message, followed by the traceback if there is one."""
+    """Return the formatted message of a log record, followed by its traceback and stack, if there are any."""
     text = record.getMessage()
     if record.exc_info and record.exc_info[0] is not None:
         text += "\n" + "".join(traceback.format_exception(*record.exc_info)).rstrip("\n")
@@ -270,17 +292,20 @@ def message_text(record: logging.LogRecord) -> str:
 
 
 class RosoutRouter(logging.Handler):
-    """Handler of the ROS root logger that passes each record to the node of its logger, or of the nearest ancestor."""
+    """Handler of the ROS root logger that passes each record to the node of its logger, or of the nearest ancestor.
+
+    The node publishes the record on ``/rosout``.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self._publishers: dict[str, list[Publish]] = {}
         self._change_lock = threading.RLock()
-        """Guards changes of `_publishers`; a record reads it without a lock."""
+        """Guards changes of `_publishers`; `emit` reads `_publishers` without a lock."""
         self._busy = threading.local()
 
     def register(self, logger_name: str, publish: Publish) -> Registration:
-        """Publish the records of this logger and its descendants until the registration is closed.
+        """Publish records of a logger and its descendants with `publish` until the returned registration is closed.
 
         Of several nodes of one name only the oldest publishes.
         """
@@ -305,7 +330,7 @@ class RosoutRouter(logging.Handler):
         return None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Publish a record, except for records of the publishing itself."""
+        """Publish a record on ``/rosout``, unless the record was logged while another record is being published."""
         publish = self._publisher_of(record.name)
         if publish is None or getattr(self._busy, "now", False):
             return
@@ -322,6 +347,6 @@ _router = RosoutRouter()
 
 
 def shared_router() -> RosoutRouter:
-    """Return the router of this process, after adding it to the ROS root logger."""
+    """Return the `RosoutRouter` of this process, after adding it to the ROS root logger."""
     get_root_logger().addHandler(_router)
     return _router

@@ -1,10 +1,10 @@
 """Outputs of log records: the console, and the log file of the process.
 
-The first open context selects them; different settings of another context are reported. Unlike ROS, a file is only
-written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
+The first open context selects the outputs; a warning reports different settings of another context. Unlike ROS, a file
+is only written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
 ``--disable-external-lib-logs``. Files have the format of rcl_logging_spdlog; only the name prefix differs: the name of
 the program instead of ``python3``. Each line is written at once. The console prints nothing while the root logger of
-Python has handlers: they get all records, which would appear twice.
+Python has handlers: these handlers get all records, which would appear twice.
 Source: docs/internals/protocol.md 9.7, 10.4, 10.6.
 """
 
@@ -46,7 +46,13 @@ _COLOR_END = "\x1b[0m"
 
 @dataclass(frozen=True, slots=True)
 class ConsoleSettings:
-    """Settings of the console; `colorized` None: only on a terminal."""
+    """Settings for printing log records on the console.
+
+    Attributes:
+        format: text with ``{tokens}``, as in ``RCUTILS_CONSOLE_OUTPUT_FORMAT``.
+        colorized: print colours; None: only on a terminal.
+        use_stdout: print on stdout instead of stderr.
+    """
 
     format: str = DEFAULT_FORMAT
     colorized: bool | None = None
@@ -54,7 +60,7 @@ class ConsoleSettings:
 
 
 def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
-    """Read the RCUTILS_* variables; values other than 0 and 1 are ignored."""
+    """Return the console settings of the ``RCUTILS_...`` variables; a switch counts only if its value is 0 or 1."""
     colorized = {"0": False, "1": True}.get(environ.get("RCUTILS_COLORIZED_OUTPUT", ""))
     return ConsoleSettings(
         environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT,
@@ -64,7 +70,7 @@ def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
 
 
 def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) -> str:
-    """Replace the known ``{tokens}`` of the format; unknown ones remain, as in rcutils."""
+    """Return a log record as text: replace the known ``{tokens}`` of a format; unknown tokens remain, as in rcutils."""
     values = {
         "severity": LEVEL_NAMES[ros_level(record.levelno)],
         "name": record.name,
@@ -82,7 +88,7 @@ def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) 
 
 
 class ConsoleHandler(logging.Handler):
-    """Handler that writes to the current `sys.stderr`, or `sys.stdout`."""
+    """Handler that writes log records to `sys.stderr` or `sys.stdout`, whichever file object that is at the time."""
 
     def __init__(self, settings: ConsoleSettings | None = None) -> None:
         super().__init__()
@@ -106,19 +112,20 @@ class ConsoleHandler(logging.Handler):
 
 
 console_handler = ConsoleHandler()
-"""Handler of all ROS records, while they are printed."""
+"""Handler that prints all ROS log records; attached to the ROS root logger while printing is switched on."""
 
 
 def print_logs() -> None:
     """Print log records on the console from now on, with the settings of the ``RCUTILS_...`` variables.
 
-    The first context does that, too; call this to log before. A context with ``--disable-stdout-logs`` ends it.
+    The first context does so, too; a program that logs before calls this function. A context with
+    ``--disable-stdout-logs`` stops the printing.
     """
     install_console(read_console_environment(os.environ))
 
 
 def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:
-    """Print all ROS records, or none, until the next call."""
+    """Print all ROS log records on the console from now on, or with ``prints=False`` none."""
     console_handler.settings = settings
     root = get_root_logger()
     if prints:
@@ -149,7 +156,7 @@ def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
 
 
 def program_prefix(program: str) -> str:
-    """Return the program's name without folder and ``.py``, the default prefix of a log file."""
+    """Return the default prefix of a log file: the program's name without folder and ``.py``."""
     if program in ("", "-", "-c", "-m"):
         return "python"
     path = Path(program)
@@ -159,7 +166,11 @@ def program_prefix(program: str) -> str:
 
 
 class LogFile(logging.FileHandler):
-    """Handler that appends records to a file, in the format of the console without colours; raises `LogFileError`."""
+    """Handler that appends log records to a file, in the format of the console without colours.
+
+    Raises:
+        LogFileError: the file cannot be created.
+    """
 
     def __init__(self, path: Path, format_text: str = DEFAULT_FORMAT) -> None:
         self._format = format_text
@@ -182,10 +193,11 @@ class LogSettings:
 
     Attributes:
         level: level of the root logger; None: INFO.
-        levels: (logger name, level) in order.
+        levels: (logger name, level) in the order of the command line.
         file_name: prefix of the name of the log file; empty: the program's name.
-        stdout, rosout: the switches ``--enable-…-logs`` and ``--disable-…-logs``; the last one counts.
-        external_lib: the same switch for log files; None if absent.
+        stdout, rosout: the switches ``--enable-…-logs`` and ``--disable-…-logs``; the last switch counts.
+        external_lib: the switches ``--enable-external-lib-logs`` and ``--disable-external-lib-logs``, which enable the
+            log file; None if absent.
     """
 
     level: int | None = None
@@ -203,7 +215,7 @@ class LogSettings:
 
 
 class LogOutputs:
-    """Outputs of this process, which exist from the first open context to the last."""
+    """Log outputs of this process, which exist while at least one context is open."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
@@ -212,7 +224,11 @@ class LogOutputs:
         self._file: LogFile | None = None
 
     def open(self, settings: LogSettings, program: str, environ: Mapping[str, str]) -> None:
-        """Open the outputs for a context, and set its log levels; raises `LogFileError`."""
+        """Open the log outputs for a context, and set the levels of its command line.
+
+        Raises:
+            LogFileError: the log file cannot be created.
+        """
         location = None
         if settings.wants_file(environ):
             location = get_logging_directory(environ), settings.file_name or program_prefix(program)
@@ -241,7 +257,7 @@ class LogOutputs:
         self._selected = stdout, location
 
     def close(self) -> None:
-        """Undo one `open`; the last one closes the file, but not the console."""
+        """Undo one call of `open`; the last call closes the log file, but not the console."""
         with self._lock:
             self._users -= 1
             if self._users == 0 and self._file is not None:
@@ -254,7 +270,7 @@ class LogOutputs:
         return file
 
     def after_fork(self) -> None:
-        """Reset the state in a forked child: a thread of the parent may hold the lock, and the file is the parent's."""
+        """Reset the state in a forked child: a thread of the parent may hold the lock, and owns the log file."""
         self._lock, self._users = threading.RLock(), 0
         if self._file is not None:
             self._drop_file()

@@ -1,6 +1,6 @@
 """Remap rules, and the resolution of the names of a node and its entities.
 
-The first rule that matches applies, once (docs/internals/protocol.md 10.3). `NodeNames.resolve_topic` and
+The first rule that matches a name applies, once (docs/internals/protocol.md 10.3). `NodeNames.resolve_topic` and
 `resolve_service` expand, remap and validate.
 """
 
@@ -23,16 +23,16 @@ _NAME = rf"(?:~/|/)?{_TOKEN}(?:/{_TOKEN})*|~"
 _RULE_PREFIX = re.compile(rf"({_TOKEN}):(?!=|//)")
 _NAME_TEXT = re.compile(rf"(?:{_NAME})\Z")
 TOKEN_TEXT = re.compile(rf"{_TOKEN}\Z")
-"""Name of a node, without namespace, in rules and in ``-p``."""
+"""Pattern of a node name, without namespace, in remap rules and in the argument of ``-p``."""
 _NAMESPACE_TEXT = re.compile(rf"(?:/|(?:/{_TOKEN})+)\Z")
 
 
 class InvalidRemapRuleError(InvalidNameError):
-    """A remap rule cannot be parsed."""
+    """Raised if a remap rule cannot be parsed."""
 
 
 class RemapKind(Enum):
-    """Kind of name that a rule changes."""
+    """Kind of name that a remap rule changes."""
 
     NODE_NAME = "node name"
     NAMESPACE = "namespace"
@@ -46,7 +46,14 @@ _SCHEMES = {"rostopic://": RemapKind.TOPIC, "rosservice://": RemapKind.SERVICE}
 
 @dataclass(frozen=True, slots=True)
 class RemapRule:
-    """Remap rule; `node` None means every node, `match` is empty for node names and namespaces."""
+    """Remap rule, such as ``node:from:=to``.
+
+    Attributes:
+        kind: kind of name that the rule changes.
+        node: name of the node to which the rule applies; None means every node.
+        match: name to replace; empty for rules that change node names and namespaces.
+        replacement: new name.
+    """
 
     kind: RemapKind
     node: str | None
@@ -54,12 +61,16 @@ class RemapRule:
     replacement: str
 
     def applies_to_node(self, node_name: str) -> bool:
-        """Return True if the rule has no node prefix, or if its prefix is this node (a name without namespace)."""
+        """Return True if the rule applies to every node, or to the node of this name, given without namespace."""
         return self.node is None or self.node == node_name
 
 
 def parse_remap_rule(text: str) -> RemapRule:
-    """Parse the argument of ``-r``; raises `InvalidRemapRuleError`."""
+    """Parse a remap rule, the argument of ``-r``.
+
+    Raises:
+        InvalidRemapRuleError: the rule is invalid, or contains wildcards, which are not supported.
+    """
     left, separator, replacement = text.partition(":=")
     if not separator:
         raise _rule_error(text, "there is no ':='")
@@ -96,8 +107,9 @@ class NodeNames:
     """Name and namespace of a node after remapping, and the remap rules for its entities.
 
     Attributes:
+        name: name without namespace.
         namespace: begins with ``/``.
-        rules: in order of precedence, the node's own rules first.
+        rules: rules in order of precedence, the node's own rules first.
     """
 
     name: str
@@ -106,10 +118,13 @@ class NodeNames:
 
     @classmethod
     def create(cls, name: str, namespace: str = "", rules: tuple[RemapRule, ...] = ()) -> NodeNames:
-        """Validate and remap a node's name and namespace; raises `InvalidNameError`.
+        """Validate and remap a node's name and namespace.
 
-        The prefix of a node name rule is compared with the original name, the prefix of a namespace rule with the new
-        name.
+        The node prefix of a rule for the node name is compared with the original name, the node prefix of a rule for
+        the namespace with the new name.
+
+        Raises:
+            InvalidNameError: name or namespace is invalid.
         """
         validate_node_name(name)
         normalize_namespace(namespace)
@@ -124,15 +139,15 @@ class NodeNames:
 
     @property
     def fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+        """Namespace and name of the node: ``/ns/name``."""
         return fully_qualified_node_name(self.name, self.namespace)
 
     def resolve_topic(self, name: str) -> str:
-        """Expand, remap and validate a topic name; raises `InvalidNameError`."""
+        """Expand, remap and validate a topic name; raise `InvalidNameError` if it is invalid."""
         return self._resolve(name, RemapKind.TOPIC)
 
     def resolve_service(self, name: str) -> str:
-        """Expand, remap and validate a service name; raises `InvalidNameError`."""
+        """Expand, remap and validate a service name; raise `InvalidNameError` if it is invalid."""
         return self._resolve(name, RemapKind.SERVICE)
 
     def _resolve(self, name: str, kind: RemapKind) -> str:

@@ -1,7 +1,8 @@
 """Validation and expansion of names.
 
 Rules are checked in the order of rcl and rmw, so that errors point at the same character. A name is validated twice: as
-the user wrote it, so that the caret points into that text, and after expansion, which can make it invalid.
+the user wrote it, so that the caret in the error text points into what the user wrote, and after expansion, which can
+make the name invalid.
 Source: docs/internals/protocol.md 10.1, 10.2.
 """
 
@@ -24,7 +25,7 @@ _SUBSTITUTION = re.compile(r"\{([^{}]*)\}")
 
 
 class NameRule(Enum):
-    """Rule of a name; rcl and rmw have an error text for each."""
+    """Rule that a name can break; rcl and rmw have an error text for each rule."""
 
     EMPTY = auto()
     CHARACTER = auto()
@@ -49,7 +50,7 @@ class NameFault(NamedTuple):
 
 
 def _raise_for(fault: NameFault | None, subject: str, name: str) -> None:
-    """Raise an error with a caret below the offending character, if there is a fault."""
+    """Raise `InvalidNameError`, whose text has a caret below the offending character, if `fault` is not None."""
     if fault is None:
         return
     index, _, reason = fault
@@ -72,7 +73,7 @@ def validate_node_name(name: str) -> None:
 
 
 def find_node_name_fault(name: str) -> NameFault | None:
-    """Return the rule of rmw that a node name (without namespace) breaks; None if it is valid."""
+    """Return the rule of rmw that a node name (without namespace) breaks; None if the name is valid."""
     if not name:
         return NameFault(0, NameRule.EMPTY, "it is empty")
     for index, character in enumerate(name):
@@ -103,12 +104,12 @@ def validate_enclave(name: str) -> None:
 
 
 def find_namespace_fault(namespace: str) -> NameFault | None:
-    """Return the rule of rmw that a namespace breaks; None if it is valid."""
+    """Return the rule of rmw that a namespace breaks; None if the namespace is valid."""
     return None if namespace == "/" else _full_fault(namespace, MAX_NAMESPACE_LENGTH)
 
 
 def normalize_namespace(namespace: str) -> str:
-    """Return a namespace with its leading ``/``, which may be missing; raises `InvalidNameError`."""
+    """Return a namespace with a leading ``/``, which the argument may lack; raise `InvalidNameError` if invalid."""
     _check_type("namespace", namespace)
     full = namespace if namespace.startswith("/") else f"/{namespace}"
     validate_namespace(full)
@@ -116,13 +117,18 @@ def normalize_namespace(namespace: str) -> str:
 
 
 def validate_full_name(name: str, what: str = "topic name") -> None:
-    """Raise `InvalidNameError` if rmw would refuse a fully qualified topic or service name; `what` names its kind."""
+    """Raise `InvalidNameError` if rmw would refuse a fully qualified topic or service name.
+
+    Args:
+        name: fully qualified name.
+        what: kind of the name for the error text.
+    """
     _check_type(what, name)
     _raise_for(find_full_name_fault(name), what, name)
 
 
 def find_full_name_fault(name: str) -> NameFault | None:
-    """Return the rule of rmw that a fully qualified topic or service name breaks; None if it is valid."""
+    """Return the rule of rmw that a fully qualified topic or service name breaks; None if the name is valid."""
     return _full_fault(name, MAX_TOPIC_LENGTH)
 
 
@@ -151,7 +157,12 @@ def _token_fault(name: str, index: int) -> NameFault | None:
 
 
 def validate_name(name: str, what: str = "topic name") -> None:
-    """Raise `InvalidNameError` for an invalid topic or service name with ``~`` and ``{...}``; `what` names its kind."""
+    """Raise `InvalidNameError` if a topic or service name, before expansion of ``~`` and ``{...}``, is invalid.
+
+    Args:
+        name: name as the user wrote it.
+        what: kind of the name for the error text.
+    """
     _check_type(what, name)
     _raise_for(find_name_fault(name), what, name)
 
@@ -201,7 +212,7 @@ def _unexpanded_character_fault(name: str) -> NameFault | None:
 
 
 def fully_qualified_node_name(name: str, namespace: str) -> str:
-    """Return ``/ns/name``; `namespace` must begin with ``/``."""
+    """Return ``/ns/name`` for a node name and a namespace, which must begin with ``/``."""
     return f"/{name}" if namespace == "/" else f"{namespace}/{name}"
 
 
@@ -214,9 +225,16 @@ def resolve_node_name(name: str, namespace: str) -> str:
 
 
 def expand_name(name: str, node_name: str, namespace: str, what: str = "topic name") -> str:
-    """Return the fully qualified name, without remapping: ``~/x`` becomes ``/ns/node/x``.
+    """Return the fully qualified name of a topic or service, without remapping: ``~/x`` becomes ``/ns/node/x``.
 
-    `what` is the kind of the name in errors. Raises `InvalidNameError` with the name as written or after expansion.
+    Args:
+        name: name as the user wrote it.
+        node_name: name of the node, without namespace.
+        namespace: namespace of the node.
+        what: kind of the name for the error text.
+
+    Raises:
+        InvalidNameError: the name as written, or after expansion, is invalid.
     """
     validate_name(name, what)
     full = name

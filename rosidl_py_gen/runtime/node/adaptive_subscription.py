@@ -28,23 +28,24 @@ T = TypeVar("T")
 MessageT = TypeVar("MessageT", bound=Message)
 
 _DEPTH = 100
-"""Queue depth; more than the 5 of sensor data, because a program may be slower than a burst of messages."""
+"""Default queue depth; larger than the 5 of the sensor data profile, because a program may be slower than a burst."""
 
 
 class AdaptiveSubscription(Generic[T]):
     """Subscription that adapts its QoS profile to its publishers.
 
-    It requests reliability and durability if all publishers of its type offer them. When a publisher appears that
-    offers less, it subscribes again: automatically in ``async with``, otherwise when the program calls `refresh`.
+    The subscription requests reliability and durability if all publishers of its type offer them. When a publisher
+    appears that offers less, the subscription is recreated: automatically in ``async with``, otherwise when the program
+    calls `refresh`.
 
     Args:
         node: owner of the subscription.
         topic: topic name, which is expanded and remapped.
         msg_type: as in `Node.create_subscription`, like `raw` and `arrays`.
-        callback: called with each message; without one, `receive_with_info` returns them.
-        qos: profile to request, whatever is offered; None adapts it.
+        callback: called with each message; without a callback, `receive_with_info` returns the messages.
+        qos: profile to request, even if publishers offer less; None adapts the profile.
         depth: queue depth, if `qos` is None.
-        note: called with a sentence about messages that the chosen profile does not receive, at each choice.
+        note: called, whenever a profile is chosen, with a sentence for each kind of messages that it does not receive.
     """
 
     def __init__(
@@ -65,13 +66,13 @@ class AdaptiveSubscription(Generic[T]):
         self._options: dict[str, Any] = {"raw": raw, "arrays": arrays}
         self._callback, self._fixed_qos, self._depth, self._note = callback, qos, depth, note
         self._notes: list[str] = []
-        """Sentences about the messages that the chosen profile does not receive."""
+        """Sentences for the user about messages that the chosen QoS profile does not receive."""
         self._dropped = 0
         self._had_publishers = False
-        """True if publishers existed when the profile was chosen."""
+        """True if the topic had publishers when the QoS profile was chosen."""
         self._has_received = False
         self._rest: deque[tuple[T, MessageInfo]] = deque()
-        """Messages of previous subscriptions."""
+        """Messages that previous subscriptions received and that `receive_with_info` has not returned yet."""
         self._watch_task: asyncio.Task[None] | None = None
         self._subscription = self._subscribe()
 
@@ -111,7 +112,11 @@ class AdaptiveSubscription(Generic[T]):
         return subscription
 
     def refresh(self) -> None:
-        """Subscribe again if a publisher now offers less than requested, or the first ones retain messages."""
+        """Subscribe again if the profile no longer fits the publishers; has no effect if the user set the profile.
+
+        The profile does not fit if a publisher offers less than requested, or if the first publishers retain messages,
+        which a volatile subscription does not request, and no message was received yet.
+        """
         publishers = self._publishers()
         if self._fixed_qos is not None or not publishers:
             return
@@ -127,7 +132,7 @@ class AdaptiveSubscription(Generic[T]):
         self._had_publishers = True
 
     def resubscribe(self) -> None:
-        """Subscribe again, so that publishers send retained messages again; received messages are kept."""
+        """Subscribe again, so that publishers send retained messages again; messages received before are not lost."""
         if self._callback is None:
             with suppress(ClosedError):
                 while (taken := self._subscription.take_with_info()) is not None:
@@ -149,7 +154,7 @@ class AdaptiveSubscription(Generic[T]):
         self._subscription._set_definition(message_type(msg_type), self._rest)
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Return the next message; raises like `Subscription.receive_with_info`.
+        """Return the next message with its `MessageInfo`; raises like `Subscription.receive_with_info`.
 
         There is no blocking form, because a task on the event loop watches the publishers; a script can use
         `Node.wait_for_message_sync`.
@@ -180,7 +185,7 @@ class AdaptiveSubscription(Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Number of messages dropped because they were not taken in time."""
+        """Number of received messages that were dropped because the queue was full."""
         return self._dropped + self._subscription.dropped
 
     def close(self) -> None:
@@ -189,7 +194,7 @@ class AdaptiveSubscription(Generic[T]):
 
 
 def _choose_profile(publishers: Sequence[TopicEndpointInfo], depth: int) -> tuple[QoSProfile, list[str]]:
-    """Return the profile of a subscription that matches all publishers, and notes for the user."""
+    """Return a QoS profile that matches all publishers, and sentences about the messages that it does not receive."""
     profile = SENSOR_DATA.keep_last(depth)
     notes = []
     reliable = [publisher.qos_profile.reliability is Reliability.RELIABLE for publisher in publishers]
@@ -233,15 +238,16 @@ class MessageMethods(NodeBase):
         raw: bool = False,
         arrays: bool = False,
     ) -> Any:
-        """Return the next message of a topic, or the latest that its publishers retain for late subscriptions.
+        """Return the next message of a topic, or the latest message that its publishers retain for late subscriptions.
 
         Args:
             msg_type: as in `create_subscription`, like `topic`, `raw` and `arrays`.
             timeout_s: None waits forever.
-            qos: None requests what all publishers offer, including those that appear while it waits.
+            qos: profile to request. None requests what all publishers offer, including publishers that appear while the
+                method waits.
 
         Raises:
-            WaitTimeoutError: no message arrived within `timeout_s`; attribute `reason` contains the reason.
+            WaitTimeoutError: no message arrived within `timeout_s`; its attribute `reason` says why, if that is known.
             InvalidNameError, InvalidQoSError, TypeNotFoundError: topic, profile or type is invalid or unknown.
             TypeError, ValueError: another argument is invalid.
             ClosedError: the node is closed, also while waiting.

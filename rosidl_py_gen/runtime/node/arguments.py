@@ -1,6 +1,6 @@
 """ROS arguments of a command line, between ``--ros-args`` and ``--``.
 
-Values remain in the order of the command line, because later parameters override earlier ones.
+Parameter values remain in the order of the command line, because later values override earlier ones.
 Source: docs/internals/protocol.md 10.4.
 """
 
@@ -31,17 +31,19 @@ _SWITCH = re.compile(r"--(enable|disable)-(.*)\Z")
 
 
 class RosArgumentError(RosidlError, ValueError):
-    """A ROS argument cannot be parsed; the text contains it."""
+    """Exception for a ROS argument that cannot be parsed; its text contains the argument."""
 
 
 @dataclass(slots=True)
 class RosArguments:
-    """Parsed command line, and one method for each flag with an argument.
+    """Parsed command line; a method for each flag with an argument adds or sets its value.
 
     Attributes:
         program: program name and the arguments of the program.
-        remap_rules: in order; the first one that matches applies.
-        parameters: from ``-p`` and files, combined as in rcl; later ones override earlier ones.
+        remap_rules: rules of ``-r`` in order; the first rule that matches a name applies.
+        parameters: values of ``-p`` and parameter files, combined as in rcl; later values override earlier ones.
+        logs: settings of the log flags.
+        enclave: value of ``--enclave``.
         warnings: sentences to log once.
     """
 
@@ -54,7 +56,7 @@ class RosArguments:
     _table: ParameterTable | None = field(default=None, repr=False, compare=False)
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
-        """Return the parameter values of a node."""
+        """Return the parameter values of ``-p`` and parameter files that apply to a node."""
         return overrides_for(self.parameters, fully_qualified_name)
 
     def add_remap_rule(self, value: str) -> None:
@@ -94,7 +96,7 @@ class RosArguments:
         return self._table
 
     def combine_parameters(self) -> None:
-        """Set `parameters` from all files and arguments."""
+        """Set `parameters` from all parameter files and ``-p`` arguments parsed so far."""
         if self._table is not None:
             self.parameters = self._table.overrides()
             self.warnings += self._table.warnings()
@@ -138,15 +140,16 @@ WITH_ARGUMENT = {
     "--log-file-name": RosArguments.set_log_file_name,
 }
 SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
-"""Rest of a flag after ``--enable-`` or ``--disable-`` -> the field of `LogSettings` that it sets."""
+"""Text after ``--enable-`` or ``--disable-`` in a flag -> the field of `LogSettings` that the flag sets."""
 
 
 def parse_arguments(arguments: Sequence[str]) -> RosArguments:
-    """Split a command line, which begins with the program name, into ROS arguments and the others.
+    """Split a command line, which begins with the program name, into ROS arguments and other arguments.
 
     Raises:
-        RosArgumentError: unknown flag, missing or malformed value, or unreadable file.
-        TypeError: not a list of texts; a single text is not split, because the rules depend on the shell.
+        RosArgumentError: a flag is unknown, its value is missing or malformed, or a file cannot be read.
+        TypeError: `arguments` is not a list of strings. A single string is not split, because quoting depends on the
+            shell.
     """
     if isinstance(arguments, (str, bytes)) or not isinstance(arguments, Iterable):
         kind = "the text " if isinstance(arguments, (str, bytes)) else ""
@@ -173,7 +176,7 @@ def parse_arguments(arguments: Sequence[str]) -> RosArguments:
 
 
 def _parse_group(parsed: RosArguments, rest: Iterator[str]) -> list[str]:
-    """Parse arguments up to ``--``; return the unknown ones."""
+    """Parse ROS arguments up to ``--`` from the iterator `rest`; return the unknown arguments."""
     unknown = []
     for argument in rest:
         if argument == "--":
@@ -218,7 +221,13 @@ def _parse_deprecated_remap(parsed: RosArguments, argument: str) -> bool:
 
 
 def parse_node_arguments(arguments: Sequence[str] | None) -> RosArguments:
-    """Parse the ``cli_args`` of a node, which may be None; raises like `parse_arguments`."""
+    """Parse the ``cli_args`` of a node, which may be None.
+
+    Raises:
+        RosArgumentError: a flag is unknown, its value is missing or malformed, a file cannot be read, or a flag
+            concerns the whole process (logs, enclave).
+        TypeError: `arguments` is not a list of strings.
+    """
     if arguments is None:
         return RosArguments()
     own = parse_arguments(arguments)

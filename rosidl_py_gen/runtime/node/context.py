@@ -54,7 +54,7 @@ open_contexts: set[ContextCore] = set()
 
 
 class ContextCore:
-    """Components of one context; see `Context` for parameters and exceptions."""
+    """Components of a `Context`, such as participant and nodes; `Context` documents parameters and exceptions."""
 
     def __init__(
         self,
@@ -97,20 +97,20 @@ class ContextCore:
             self.loop_binding = LoopBinding(self.participant, loop_runner)
             self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
             self.initial_values = InitialValues(self.ros_arguments.parameters)
-            """Parameter values from arguments and files, for all nodes."""
+            """Parameter values from the command line and parameter files, for all nodes of the context."""
         except BaseException:  # permissions may deny the topic of the graph
             self.participant.close()
             raise
         self.request_windows = RequestWindows()
         self.closed = ""
-        """Reason for `ClosedError`; empty while the context is open."""
+        """Text of `ClosedError`, such as "this context is closed"; empty while the context is open."""
         self.is_default = False
-        """True for the context of nodes that are given none; it closes with its last node."""
+        """True for the default context, which nodes without a `context` argument use; it closes with its last node."""
         self._had_loop = threading.Event()
         self.loop_binding.on_bind(self._had_loop.set)
         self._nodes: dict[int, Node] = {}
         self.reservations = 0
-        """Nodes that are being created without a context of their own. Lock: Context._default_lock must be held."""
+        """Number of nodes under construction that will use the default context. Lock: Context._default_lock."""
         self._close_latch = Latch()
         if loop_runner is not None:
             try:
@@ -126,7 +126,10 @@ class ContextCore:
             raise ClosedError(self.closed)
 
     def take_never_ran_error(self, scope: EntityScope) -> CallbacksNeverRanError | None:
-        """Return an error if no event loop has served the callbacks of a node; the next call returns None."""
+        """Return an error if callbacks of a node never ran because no event loop has served the context, else None.
+
+        The callbacks are forgotten, so the next call for the node returns None.
+        """
         entities = list(scope.with_callbacks.values())
         if self._had_loop.is_set() or all(getattr(entity, "is_canceled", False) for entity in entities):
             return None
@@ -138,11 +141,15 @@ class ContextCore:
 
     @property
     def scopes(self) -> list[EntityScope]:
-        """Scopes of the open nodes."""
+        """Scopes (owners of the entities) of all open nodes."""
         return [node._scope for node in list(self._nodes.values())]
 
     def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> EntityScope:
-        """Announce a node and create its scope; raises `ClosedError`."""
+        """Announce a node to peers and return its scope, which owns the node's entities.
+
+        Raises:
+            ClosedError: the context is closed.
+        """
         self.require_open()
         on_error = self.on_error if on_error is None else require_on_error(on_error)
         number = self.discovery.add_node(names.name, names.namespace)
@@ -158,7 +165,12 @@ class ContextCore:
         )
 
     def adopt(self, node: Node, *, is_reserved: bool) -> None:
-        """Own a node until it closes, and end its reservation."""
+        """Register a new node, which the context closes when it closes itself.
+
+        Args:
+            node: node whose construction has succeeded.
+            is_reserved: end the reservation that `reserve_default_context` made for the node.
+        """
         with Context._default_lock:
             self._nodes[node._scope.number] = node
             self.reservations -= is_reserved
@@ -169,9 +181,10 @@ class ContextCore:
         self.close_if_unused()
 
     def close_if_unused(self, *, is_reserved: bool = False) -> None:
-        """Close the default context if it has no node, because the last one has closed or the first one failed.
+        """Close the default context if it has no nodes and no reservations; has no effect on other contexts.
 
-        `is_reserved` ends the reservation of a node that failed.
+        Args:
+            is_reserved: end the reservation of a node whose construction failed.
         """
         with Context._default_lock:
             self.reservations -= is_reserved
@@ -201,7 +214,11 @@ class ContextCore:
         self.close()
 
     def abandon(self, reason: str) -> None:
-        """Mark everything as closed in a forked child, without a call into the transport; errors contain the reason."""
+        """Mark context and nodes as closed in a forked child, without a call into the transport.
+
+        Args:
+            reason: part of the texts of later `ClosedError` exceptions.
+        """
         self.closed = f"this context is closed: it was {reason}"
         self.loop_binding.abandon(self.closed)
         for node in self._nodes.values():
@@ -210,7 +227,12 @@ class ContextCore:
 
 
 def resolve_transport(transport: Transport | str | None) -> Transport:
-    """Return the transport for an argument, else for the environment; raises `TypeError`, `BackendMissingError`."""
+    """Return the transport that an argument names or is; None selects the transport by ``RMW_IMPLEMENTATION``.
+
+    Raises:
+        TypeError: the argument is neither a known name nor a transport object.
+        BackendMissingError: the library of the transport is not installed.
+    """
     warn = get_root_logger().warning
     name = middleware(os.environ, warn) if transport is None else transport
     if name == DDS:
@@ -239,7 +261,7 @@ class Context:
         discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None uses
             ``ROS_AUTOMATIC_DISCOVERY_RANGE``, else ``"subnet"``.
         args: command line that may contain ``--ros-args``; None uses `sys.argv`.
-        announce_delay_s: time for which changes of own nodes are collected before they are announced to peers.
+        announce_delay_s: time for which new and closed entities are collected before they are announced to peers.
         on_error: default of the nodes' `on_error`; see `Node`.
         transport: ``"dds"`` or ``"zenoh"``; None uses ``RMW_IMPLEMENTATION``, else DDS if a libddsc is found. A
             `MemoryTransport` connects contexts of this process.
@@ -255,7 +277,7 @@ class Context:
         InvalidNameError: `enclave` is not an absolute name.
         SecurityError: ``ROS_SECURITY_ENABLE`` requires security, and a file or the library prevents it.
         TransportError: DDS reports an error, the domain is open with other settings, or this process was forked from
-            one that uses DDS.
+            a process that uses DDS.
     """
 
     _default: ClassVar[Context | None] = None
@@ -280,14 +302,14 @@ class Context:
         )
         self._guards: list[FailureGuard] = []
         self.arguments: list[str] = list(core.ros_arguments.program)
-        """Arguments without ROS arguments; like `sys.argv`, they begin with the program's name."""
+        """Command line without ROS arguments; like `sys.argv`, it begins with the program's name."""
         self.settings: DomainSettings = core.settings
-        """Settings that result from arguments and environment."""
+        """Settings of the domain, such as id, discovery range and security, from arguments and environment."""
         self.domain_id = core.settings.domain_id
 
     @property
     def middleware(self) -> str:
-        """``DDS``, ``Zenoh`` or ``memory``."""
+        """Name of the middleware: ``DDS``, ``Zenoh`` or ``memory``."""
         return self._core.participant.middleware
 
     @property
@@ -302,14 +324,14 @@ class Context:
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        """Reason why services of nodes on Fast DDS are unavailable; None if they are available."""
+        """Reason why this process cannot exchange requests with nodes on Fast DDS; None if it can."""
         return self._core.participant.services_unavailable_reason
 
     @property
     def on_incompatible_endpoint(self) -> Callable[[str, str], None] | None:
-        """Function that is called instead of a log entry if one of our endpoints is incompatible with a peer.
+        """Function that is called instead of writing a log entry when an own endpoint and a peer are incompatible.
 
-        It gets the text, and the name of the topic or service.
+        Its arguments are a sentence about the reason, and the name of the topic or service.
         """
         return self._core.discovery.on_incompatible_endpoint
 
@@ -325,7 +347,7 @@ class Context:
 
     @classmethod
     def default(cls) -> Context:
-        """Return the context of nodes that are given none; open it if necessary."""
+        """Return the default context, which nodes without a `context` argument use; open it if necessary."""
         with cls._default_lock:
             if cls._default is None or cls._default.is_closed:
                 cls._default = cls()
@@ -334,7 +356,7 @@ class Context:
 
     @classmethod
     def _forget_default(cls, core: ContextCore) -> None:
-        """Make the next node without a context open another one. Lock: _default_lock must be held."""
+        """Make `default` open a new context if `core` is the default now. Lock: _default_lock must be held."""
         if cls._default is not None and cls._default._core is core:
             cls._default = None
 
@@ -375,12 +397,12 @@ class Context:
         self._core.close()
 
     def shutdown(self) -> None:
-        """Do the same as `close`; the name in rclpy."""
+        """Do the same as `close`; for compatibility with rclpy."""
         self.close()
 
 
 def reserve_default_context() -> Context:
-    """Return the default context, which stays open until the reservation ends; see `ContextCore.adopt`."""
+    """Return the default context with a reservation: it stays open until `adopt` or `close_if_unused` is called."""
     with Context._default_lock:
         context = Context.default()
         context._core.reservations += 1
@@ -388,13 +410,13 @@ def reserve_default_context() -> Context:
 
 
 def attach_all() -> None:
-    """Attach the running loop to every open context that no running loop serves."""
+    """Attach the running event loop to every open context that no other running loop serves."""
     for core in sorted(open_contexts, key=lambda core: not core.is_default):
         core.loop_binding.adopt_running_loop()
 
 
 def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
-    """Close the contexts that a loop serves."""
+    """Close the contexts whose callbacks an event loop runs."""
     for core in list(open_contexts):
         if core.loop_binding.loop is loop:
             core.close()
@@ -419,7 +441,7 @@ def _close_at_exit() -> None:
 
 
 def _after_fork() -> None:
-    """Mark all inherited contexts as closed in the child.
+    """Mark all inherited contexts as closed in a forked child.
 
     A child has the memory of its parent, but not the threads that serve DDS: a call into the middleware, a join or a
     lock may block forever.

@@ -1,8 +1,8 @@
 """Environment variables of ROS 2 and Cyclone DDS: domain, discovery range, static peers, middleware, security.
 
-The rules of security (SROS 2) are the same as in rcl and rmw_cyclonedds. Where rcl remains unsecured silently, a
-warning is logged. Source: docs/internals/protocol.md 10.6, docs/internals/dds.md 10. The functions read a mapping, not
-`os.environ`.
+The rules of security (SROS 2) are the same as in rcl and rmw_cyclonedds; but where rcl remains unsecured silently, a
+warning is logged. The functions read a mapping that the caller passes, not `os.environ`.
+Source: docs/internals/protocol.md 10.6, docs/internals/dds.md 10.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 MAX_DOMAIN_ID = 232
-"""Highest id with valid UDP ports: 7400 + 250 * id + 11 + 2 * 32 must be less than 65536."""
+"""Highest domain id with valid UDP ports: 7400 + 250 * id + 11 + 2 * 32 must be less than 65536."""
 MAX_PEER_LENGTH = 255
 DDS, ZENOH = "dds", "zenoh"
 _RMW_TO_TRANSPORT = {
@@ -32,7 +32,7 @@ _RMW_TO_TRANSPORT = {
     "rmw_fastrtps_dynamic_cpp": DDS,
     "rmw_zenoh_cpp": ZENOH,
 }
-"""Transport for each RMW implementation; all DDS implementations are interoperable."""
+"""Value of ``RMW_IMPLEMENTATION`` -> transport; all DDS implementations are interoperable."""
 SECURITY_FILES = {
     "identity_ca.cert.pem": "certificate of the CA that issues the certificates of all peers",
     "cert.pem": "certificate of the enclave",
@@ -41,25 +41,31 @@ SECURITY_FILES = {
     "governance.p7s": "signed rules of the domain",
     "permissions.p7s": "signed permissions of the enclave",
 }
-"""Purpose of each file of an enclave."""
+"""Name -> purpose of each file that a security enclave (SROS 2) must have."""
 _DISABLED = ("", "false", "0", "no", "off")
 _MAX_LISTED_ENCLAVES = 5
 _MAX_FOLDERS = 1000
-"""Maximum number of folders of a keystore to search for the enclaves that an error lists."""
+"""Maximum number of folders of a keystore that are searched for enclaves to list in an error message."""
 _UNENCRYPTED = "this process communicates unencrypted, and does not find secured nodes"
 
 
 class EnvironmentSettingError(RosidlError, ValueError):
-    """An environment variable, or the argument of the same meaning, has an invalid value."""
+    """Exception for an invalid value of an environment variable, or of the argument of the same meaning."""
 
 
 def read_environment(
     environ: Mapping[str, str], *, domain_id: int | None = None, discovery: str | None = None, distro: str | None = None
 ) -> DomainSettings:
-    """Combine variables and arguments; an argument that is not None overrides its variables.
+    """Return the settings of a domain from environment variables; arguments that are not None override variables.
+
+    Args:
+        environ: environment variables.
+        domain_id: overrides ``ROS_DOMAIN_ID``.
+        discovery: overrides ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and ``ROS_LOCALHOST_ONLY``.
+        distro: overrides ``ROS_DISTRO``.
 
     Raises:
-        EnvironmentSettingError: domain id or `discovery` is invalid.
+        EnvironmentSettingError: the domain id or `discovery` is invalid.
     """
     warnings: list[str] = []
     peers = _static_peers(environ.get("ROS_STATIC_PEERS", ""), warnings)
@@ -82,7 +88,7 @@ def read_environment(
 
 
 def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
-    """Return ``"dds"`` or ``"zenoh"``, according to RMW_IMPLEMENTATION, else to what is installed."""
+    """Return ``"dds"`` or ``"zenoh"``, according to ``RMW_IMPLEMENTATION``, else to the installed libraries."""
     name = environ.get("RMW_IMPLEMENTATION", "")
     if name in _RMW_TO_TRANSPORT:
         return _RMW_TO_TRANSPORT[name]
@@ -102,7 +108,10 @@ def _check_domain_id(origin: str, number: int | None, value: object) -> int:
 
 
 def _parse_unsigned(text: str) -> int | None:
-    """Parse like C's strtoul with base 0: decimal, 0x hexadecimal, leading 0 octal; None if invalid, 0 if empty."""
+    """Parse a number like C's strtoul with base 0 (decimal, 0x hexadecimal, leading 0 octal); return None if invalid.
+
+    An empty text is 0.
+    """
     digits = text.strip(" \t\n\v\f\r")
     if not digits:
         return 0 if not text else None
@@ -160,9 +169,17 @@ def _static_peers(value: str, warnings: list[str]) -> tuple[str, ...]:
 def find_security(
     environ: Mapping[str, str], enclave: str, warn: Callable[[str], None], *, is_supported: bool = True
 ) -> SecurityEnclave | None:
-    """Return the enclave with its files; None if the context is not secured.
+    """Return the security enclave of a context; None if the context is not secured.
 
-    Raises `SecurityError` if security is enforced and something is missing, or the transport does not support it.
+    Args:
+        environ: environment variables, of which the function reads ``ROS_SECURITY_...``.
+        enclave: name of the enclave.
+        warn: called with a sentence if the settings look secure, but the context is not.
+        is_supported: False if the transport does not support security.
+
+    Raises:
+        SecurityError: security is enforced, but the enclave is incomplete or the transport does not support security;
+            or a file of the enclave is damaged.
     """
     enable = environ.get("ROS_SECURITY_ENABLE", "")
     if enable != "true":
@@ -194,7 +211,11 @@ def find_security(
 
 
 def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | None]:
-    """Return the reason why there is no complete enclave, and the folder of a complete one."""
+    """Return "" and the folder of the enclave, or the reason why there is no complete enclave, and None.
+
+    Raises:
+        SecurityError: a file of the enclave cannot be read or is damaged.
+    """
     keystore = environ.get("ROS_SECURITY_KEYSTORE", "")
     if not keystore:
         return "ROS_SECURITY_KEYSTORE is not set; expected the folder of a keystore", None
@@ -219,7 +240,7 @@ def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | 
 
 
 def _check_file(file: Path, purpose: str) -> None:
-    """Raise `SecurityError` if a file cannot be read or is of another kind; rcl fails, too, with either strategy."""
+    """Raise `SecurityError` if a file of an enclave cannot be read or has another format; rcl fails then, too."""
     try:
         with file.open("rb") as content:
             head = content.read(1 << 20)
@@ -232,9 +253,9 @@ def _check_file(file: Path, purpose: str) -> None:
 
 
 def _check_certificates(folder: Path) -> None:
-    """Raise `SecurityError` if a certificate or the key is damaged, or if the key does not fit the certificate.
+    """Raise `SecurityError` if a certificate or the key of an enclave is damaged, or if key and certificate differ.
 
-    Cyclone DDS accepts a key of another certificate, and then finds no peer.
+    Cyclone DDS accepts the key of another certificate, and then finds no peer.
     """
     try:
         import ssl
@@ -254,7 +275,7 @@ def _check_certificates(folder: Path) -> None:
 
 
 def _known_enclaves(root: Path) -> str:
-    """Return a text about the enclaves that a keystore has."""
+    """Return the end of an error message, which lists the enclaves of a keystore."""
     if not root.is_dir():
         return f"; ROS_SECURITY_KEYSTORE={str(root.parent)!r} is not a keystore, as it has no folder enclaves"
     found: list[str] = []

@@ -1,6 +1,6 @@
 """Graph methods of a node: names and parameters as in rclpy.
 
-Results contain only what is discovered; the waiting methods and `graph_changes` help with the rest.
+Results contain only what this process has discovered; `wait_for_node` and `graph_changes` wait for more.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ class GraphMethods(NodeBase):
         return self._scope.graph
 
     def get_topic_names_and_types(self, *, no_demangle: bool = False) -> NamesAndTypes:
-        """Return all topics with their types; with `no_demangle`, all names as in the middleware."""
+        """Return all topics with their types; with `no_demangle`, all middleware names, such as ``rt/chatter``."""
         return self._refreshed_graph().topics(demangle=not no_demangle)
 
     def get_publishers_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Return node, type, hash, GID and QoS of each publisher of a topic.
+        """Return node, type, type hash, GID and QoS of each publisher of a topic.
 
         Args:
-            topic: topic name; with `no_mangle`, as in the middleware.
-            no_mangle: do not resolve the name.
+            topic: topic name; with `no_mangle`, the name in the middleware, such as ``rt/chatter``.
+            no_mangle: do not expand and remap the name.
         """
         return self._topic_infos(topic, no_mangle, writers=True)
 
@@ -85,11 +85,11 @@ class GraphMethods(NodeBase):
         return self._refreshed_graph().services()
 
     def count_services(self, service: str) -> int:
-        """Return the number of servers of a service; counts reply writers, as rmw does."""
+        """Return the number of servers of a service; counts the writers of replies, as rmw does."""
         return self._count(self._service("reply", service), writers=True)
 
     def count_clients(self, service: str) -> int:
-        """Return the number of clients of a service, including clients of this node; counts reply readers."""
+        """Return the number of clients of a service, including clients of this node; counts the readers of replies."""
         return self._count(self._service("reply", service), writers=False)
 
     def get_servers_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
@@ -120,16 +120,17 @@ class GraphMethods(NodeBase):
         return self._refreshed_graph().nodes()
 
     def node_names_complete(self) -> bool:
-        """Return True if all ROS participants have announced nodes, to which all discovered endpoints belong.
+        """Return True if all ROS participants have announced their nodes, and each discovered endpoint has its node.
 
-        Node names arrive about 50 ms after endpoints, names of nodes on Fast DDS later.
+        Node names arrive about 50 ms after endpoints, and later still if a node runs on Fast DDS.
         """
         return self._refreshed_graph().node_names_complete()
 
     def endpoints_complete(self) -> bool:
         """Return True if all endpoints that nodes announce are discovered.
 
-        Remains False after a node on rmw_cyclonedds of Jazzy has closed a subscription, which it announces further on.
+        Remains False after a node on rmw_cyclonedds of Jazzy has closed a subscription, because the node continues to
+        announce the subscription.
         """
         return self._refreshed_graph().endpoints_complete()
 
@@ -184,7 +185,7 @@ class GraphMethods(NodeBase):
     wait_for_node_sync = blocking(wait_for_node)
 
     async def graph_changes(self) -> AsyncIterator[int]:
-        """Yield an increasing number after changes of the graph, several quick ones at once; ends with the node.
+        """Yield an increasing number after each change of the graph, or after several quick ones; ends with the node.
 
         There is no blocking form, because the graph changes on the event loop; `wait_for_node_sync` and
         `wait_for_subscribers_sync` wait for one change.

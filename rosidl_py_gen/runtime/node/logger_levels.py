@@ -1,6 +1,6 @@
-"""Services ``~/get_logger_levels`` and ``~/set_logger_levels``.
+"""Services ``~/get_logger_levels`` and ``~/set_logger_levels`` of a node.
 
-Levels apply to the whole process. Source: docs/internals/protocol.md 9.1.
+Logger levels apply to the whole process. Source: docs/internals/protocol.md 9.1.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def start_logger_services(scope: EntityScope, names: NodeNames) -> None:
-    """Serve both services of a node until it closes."""
+    """Serve ``~/get_logger_levels`` and ``~/set_logger_levels`` of a node until it closes."""
     services: tuple[tuple[type[Service[Any, Any]], str, Callable[[Any], Any]], ...] = (
         (GetLoggerLevels, "~/get_logger_levels", _get),
         (SetLoggerLevels, "~/set_logger_levels", _set),

@@ -137,7 +137,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self._guards: list[FailureGuard] = []
         self._close_latch = Latch()
         self.clock: Clock = self._scope.make_clock()
-        """ROS time; system time until simulated time is switched on."""
+        """Clock of ROS time, which is system time until simulated time is switched on."""
         core.adopt(self, is_reserved=context is None)
         for sentence in own_arguments.warnings:
             self.logger.warning(sentence)
@@ -162,59 +162,59 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raise
 
     def _start_rosout(self, qos: QoSProfile) -> None:
-        """Publish log records on ``/rosout``, unless the command line disables it."""
+        """Publish log records of the node on ``/rosout``, unless the command line disables it."""
         if self.context._core.ros_arguments.logs.rosout:
             _start_rosout(self._scope, qos)
 
     def _finish_open(self) -> None:
-        """Start what a subclass adds; the node is closed when this fails."""
+        """Start the additions of a subclass, which overrides the method; the node is closed if the method raises."""
 
     @property
     def name(self) -> str:
-        """Name without namespace, after remapping."""
+        """Name of the node without namespace, after remapping."""
         return self._names.name
 
     @property
     def namespace(self) -> str:
-        """Namespace after remapping: ``/`` or ``/ns``."""
+        """Namespace of the node after remapping: ``/`` or ``/ns``."""
         return self._names.namespace
 
     @property
     def fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+        """Namespace and name after remapping: ``/ns/name``."""
         return self._names.fully_qualified_name
 
     @property
     def logger(self) -> RosLogger:
-        """Logger with the ROS name ``ns.name``."""
+        """Logger of the node, with the ROS name ``ns.name``."""
         return self._scope.logger
 
     def get_name(self) -> str:
-        """Return `name`; the name in rclpy."""
+        """Return `name`; for compatibility with rclpy."""
         return self.name
 
     def get_namespace(self) -> str:
-        """Return `namespace`; the name in rclpy."""
+        """Return `namespace`; for compatibility with rclpy."""
         return self.namespace
 
     def get_fully_qualified_name(self) -> str:
-        """Return `fully_qualified_name`; the name in rclpy."""
+        """Return `fully_qualified_name`; for compatibility with rclpy."""
         return self.fully_qualified_name
 
     def get_logger(self) -> RosLogger:
-        """Return `logger`; the name in rclpy."""
+        """Return `logger`; for compatibility with rclpy."""
         return self.logger
 
     def get_clock(self) -> Clock:
-        """Return `clock`; the name in rclpy."""
+        """Return `clock`; for compatibility with rclpy."""
         return self.clock
 
     def resolve_topic_name(self, topic: str) -> str:
-        """Expand and remap a topic name; raises `InvalidNameError`."""
+        """Return the expanded and remapped name of a topic; raise `InvalidNameError` if it is invalid."""
         return self._names.resolve_topic(topic)
 
     def resolve_service_name(self, service: str) -> str:
-        """Expand and remap a service name; raises `InvalidNameError`."""
+        """Return the expanded and remapped name of a service; raise `InvalidNameError` if it is invalid."""
         return self._names.resolve_service(service)
 
     @overload
@@ -353,7 +353,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._scope.failures.raise_pending()
 
     async def __aenter__(self) -> Self:
-        """Attach the running loop; raises `ClosedError`, or `WrongEventLoopError` if the context has another loop."""
+        """Attach the running event loop.
+
+        Raises:
+            ClosedError: the node is closed.
+            WrongEventLoopError: another event loop serves the context.
+        """
         try:
             self._require_open()
             self.context._core.loop_binding.running_loop()
@@ -372,7 +377,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
-        """Close all entities, wake up their waiters, and withdraw the node; may be called twice."""
+        """Close all entities, wake up the tasks that wait for them, and withdraw the node; may be called twice."""
         if self._scope.closed or not self._close_latch.set():
             return
         if (error := self.context._core.take_never_ran_error(self._scope)) is not None:
@@ -383,37 +388,37 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self.context._core.release(self)
 
     def destroy_node(self) -> None:
-        """Do the same as `close`; the name in rclpy."""
+        """Do the same as `close`; for compatibility with rclpy."""
         self.close()
 
     def destroy_publisher(self, publisher: Publisher[Any]) -> bool:
-        """Close a publisher and return True; the name in rclpy."""
+        """Close a publisher and return True; for compatibility with rclpy."""
         publisher.close()
         return True
 
     def destroy_subscription(self, subscription: Subscription[Any]) -> bool:
-        """Close a subscription and return True; the name in rclpy."""
+        """Close a subscription and return True; for compatibility with rclpy."""
         subscription.close()
         return True
 
     def destroy_service(self, service: ServiceServer[Any, Any]) -> bool:
-        """Close a service and return True; the name in rclpy."""
+        """Close a service and return True; for compatibility with rclpy."""
         service.close()
         return True
 
     def destroy_client(self, client: Client[Any, Any]) -> bool:
-        """Close a client and return True; the name in rclpy."""
+        """Close a client and return True; for compatibility with rclpy."""
         client.close()
         return True
 
     def destroy_timer(self, timer: Timer) -> bool:
-        """Close a timer and return True; the name in rclpy."""
+        """Close a timer and return True; for compatibility with rclpy."""
         timer.close()
         return True
 
     @property
     def entities(self) -> list[Entity]:
-        """Open publishers, subscriptions, clients, servers, timers and actions, oldest first; also the node's own."""
+        """Open publishers, subscriptions, clients, servers, timers and actions, oldest first, also internal ones."""
         return [one for one in list(self._scope.owned.values()) if isinstance(one, Entity)]
 
     def __repr__(self) -> str:
@@ -433,7 +438,7 @@ def _start_rosout(scope: EntityScope, qos: QoSProfile) -> None:
 
 
 def log_message(record: logging.LogRecord) -> Log:
-    """Convert a log record; its stamp is system time, also with simulated time."""
+    """Convert a log record to a ``rcl_interfaces/msg/Log``; its stamp is system time, also with simulated time."""
     sec, nanosec = sec_nanosec(round(record.created * NS_PER_S))
     return Log(
         stamp=Time(sec=sec, nanosec=nanosec),

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class NodeBase:
-    """Attributes that all methods of `Node` use; its constructor sets them."""
+    """Declaration of the attributes that all methods of `Node` use; the constructor of `Node` sets them."""
 
     _scope: EntityScope
     _names: NodeNames

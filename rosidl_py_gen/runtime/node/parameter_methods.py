@@ -1,8 +1,8 @@
 """Parameter methods of a node, and the start of its standard services.
 
-Standard services are those for parameters, time, logger levels and type descriptions. Order of the start, as in
-docs/internals/protocol.md 9.1: parameter events, `use_sim_time`, the six services, logger levels, type description.
-Modules that not every node needs are imported when they are first used.
+Standard services are the services for parameters, time, logger levels and type descriptions. Order of the start, as in
+docs/internals/protocol.md 9.1: parameter events, `use_sim_time`, the six parameter services, logger levels, type
+description. Modules that not every node needs are imported when they are first used.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ ItemT = TypeVar("ItemT", bool, int, float, str)
 
 
 class ParameterChange(NamedTuple):
-    """Change of a parameter; `value` is None if it was unset or undeclared."""
+    """Change of a parameter; `value` is None if the parameter was unset or undeclared."""
 
     name: str
     value: PythonValue
 
 
 class ParameterMethods(NodeBase):
-    """Parameter methods of `Node`, which has to call `_open_parameters` in its constructor."""
+    """Parameter methods of `Node`, whose constructor must call `_open_parameters`."""
 
     _store: ParameterStore
     _changes: list[AsyncQueue[ParameterChange]]
@@ -78,7 +78,7 @@ class ParameterMethods(NodeBase):
         logger_services: bool,
         time_source: bool,
     ) -> None:
-        """Start the parameters and all that depends on them, in the order of rclpy; arguments as for `Node`."""
+        """Create the parameter store and start the standard services in the order of rclpy; arguments as for `Node`."""
         own_overrides = {item.name: item.value for item in as_parameters(parameter_overrides)}
         core = self.context._core
         arguments = [*(core.ros_arguments.parameters if use_global_arguments else ()), *own_arguments]
@@ -140,7 +140,7 @@ class ParameterMethods(NodeBase):
         )
 
     def _may_declare_more(self) -> bool:
-        """Return True while it is too early to warn about initial values without parameter."""
+        """Return True while the node may still declare parameters: then unused initial values cause no warning yet."""
         return False
 
     def declare_parameters(
@@ -282,21 +282,21 @@ class ParameterMethods(NodeBase):
         return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Return the descriptor of a parameter; raises `ParameterNotDeclaredError`."""
+        """Return the descriptor of a parameter; raise `ParameterNotDeclaredError` if the parameter is not declared."""
         return self._store.describe(require_name(name))
 
     def get_parameters_by_prefix(self, prefix: str = "") -> dict[str, Parameter]:
-        """Return name without prefix -> parameter, for all parameters below a prefix; without a prefix, all of them.
+        """Return name without prefix -> `Parameter`, for all parameters below a prefix; ``""`` returns all parameters.
 
-        They are read at one moment, and may have no value. For ``arm`` and ``arm.speed``, the prefix ``arm`` returns
-        only ``speed``.
+        The parameters are read at one moment, and may have no value. For ``arm`` and ``arm.speed``, the prefix ``arm``
+        returns only ``speed``.
         """
         start = f"{require_name(prefix, 'a prefix')}{SEPARATOR}" if prefix else ""
         values = self._store.values().items()
         return {name[len(start) :]: Parameter(name, value) for name, value in values if name.startswith(start)}
 
     def list_parameters(self, prefixes: str | Sequence[str] = (), depth: int = 0) -> ListParametersResult:
-        """Return names and groups, all of them or those below prefixes; depth 0 has no limit."""
+        """Return the names and groups of all parameters or of the parameters below `prefixes`; depth 0 has no limit."""
         return self._store.listing(as_names(prefixes, "prefixes"), depth)
 
     def set_parameter(self, name: str, value: object) -> None:
@@ -305,7 +305,10 @@ class ParameterMethods(NodeBase):
         Raises:
             ParameterNotDeclaredError: the parameter is not declared.
             InvalidParameterValueError: the value is refused; the text contains the reason.
-            Exception: as `set_parameters`.
+            CallbackAnswerError: a callback returned an invalid result.
+            TypeError: the name is not a string.
+            ClosedError: the node is closed.
+            Exception: raised by a callback that was added with `raises`.
         """
         result = self.set_parameters_atomically({name: value}, require_declared=True)
         if not result.successful:
@@ -316,14 +319,14 @@ class ParameterMethods(NodeBase):
 
         Args:
             values: name -> value, or `Parameter` objects.
-            require_declared: raise for an undeclared name, unless those are allowed; earlier parameters remain set.
-                Otherwise the result for that name is a refusal.
+            require_declared: raise for an undeclared name, unless the node allows undeclared parameters; earlier
+                parameters remain set. Otherwise the result for that name is a refusal.
 
         Raises:
             InvalidParameterValueError: a parameter cannot have such a value; no parameter is set.
             ParameterNotDeclaredError: `require_declared`, and a parameter is not declared.
             CallbackAnswerError: a callback returned an invalid result.
-            TypeError: a name is not a text.
+            TypeError: a name is not a string.
             ClosedError: the node is closed.
             Exception: raised by a callback that was added with `raises`.
         """
@@ -334,7 +337,11 @@ class ParameterMethods(NodeBase):
         return self._store.set_atomically(self._coerce_empty_lists(values), require_declared=require_declared)
 
     def _coerce_empty_lists(self, values: ParametersToSet) -> list[Parameter]:
-        """Give empty lists the declared type; raises `ClosedError`."""
+        """Return the parameters to set, in which empty lists, which have no element type, get the declared type.
+
+        Raises:
+            ClosedError: the node is closed.
+        """
         self._scope.require_open(False, "the node")
         coerced = []
         for parameter in as_parameters(values):
@@ -348,14 +355,15 @@ class ParameterMethods(NodeBase):
     def add_pre_set_callback(
         self, callback: Callable[[list[Parameter]], list[Parameter]], *, raises: bool = False
     ) -> Registration:
-        """Add a callback that may replace the list of parameters to set, until the registration is closed.
+        """Add a callback that may replace the list of parameters to set, until the returned registration is closed.
 
-        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop.
+        The callback is called on the thread that sets parameters, and sets by other threads wait for it: it must not
+        wait for the event loop.
 
         Args:
-            callback: plain function that gets the parameters and returns those to set.
-            raises: raise its exceptions from the method that sets or declares, as in rclpy; a set by another node is
-                refused. Otherwise an exception is logged, and the set is refused.
+            callback: plain function that gets the parameters and returns the parameters to set instead.
+            raises: raise exceptions of the callback from the method that sets or declares, as in rclpy; a set by
+                another node is refused. Otherwise an exception is logged, and the set is refused.
 
         Raises:
             TypeError: the callback is async.
@@ -365,18 +373,30 @@ class ParameterMethods(NodeBase):
     def add_on_set_callback(
         self, callback: Callable[[list[Parameter]], SetResult], *, raises: bool = False
     ) -> Registration:
-        """Add a callback that may refuse a set; the newest one is called first. Else like `add_pre_set_callback`."""
+        """Add a callback that may refuse to set parameters; the newest callback is called first.
+
+        The callback is called on the thread that sets parameters, and sets by other threads wait for it: it must not
+        wait for the event loop. Closing the returned registration removes the callback.
+
+        Args:
+            callback: plain function that gets the parameters and returns a `SetResult`.
+            raises: raise exceptions of the callback from the method that sets or declares, as in rclpy; a set by
+                another node is refused. Otherwise an exception is logged, and the set is refused.
+
+        Raises:
+            TypeError: the callback is async.
+        """
         return self._store.callbacks.add("on-set", callback, raises=raises)
 
     def add_post_set_callback(
         self, callback: Callable[[list[Parameter]], None], *, raises: bool = False
     ) -> Registration:
-        """Add a callback for successful sets and declarations, called on the thread that sets.
+        """Add a callback that is called, on the thread that sets parameters, after each successful set and declaration.
 
         Args:
             callback: plain function that gets the parameters.
-            raises: raise its exceptions from the method that sets, after all callbacks; the values remain set.
-                Otherwise they are logged.
+            raises: raise exceptions of the callback from the method that sets, after all callbacks; the values remain
+                set. Otherwise an exception is logged.
 
         Raises:
             TypeError: the callback is async.
@@ -391,10 +411,13 @@ class ParameterMethods(NodeBase):
         return stream
 
     def add_parameter_event_callback(self, callback: Callable[[ParameterEvent], object]) -> Registration:
-        """Add a callback for the events of this node, as they are published on ``/parameter_events``.
+        """Add a callback that gets each event about parameters of this node, as published on ``/parameter_events``.
 
-        It is also called if the node does not publish them. It is called on the thread that sets, in the order of the
-        sets, and other sets wait for it. Its exceptions are logged. Raises `TypeError` for an async function.
+        The callback is also called if the node does not publish the events. It is called on the thread that sets
+        parameters, in the order of the sets, and sets by other threads wait for it. Its exceptions are logged.
+
+        Raises:
+            TypeError: the callback is async.
         """
         require_plain(callback, "the callback of parameter events", "the event")
         return self._event_callbacks.add(callback)
@@ -413,7 +436,7 @@ class ParameterMethods(NodeBase):
         return ParameterServices(self._scope, self._store, self.context._core.initial_values.on_listed)
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
-        """Return the events that all nodes, or one of them, publish on ``/parameter_events`` from now on."""
+        """Return the events that a node, or with None every node, publishes on ``/parameter_events`` from now on."""
         from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
         full_name = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))

@@ -1,4 +1,4 @@
-"""Time of a node: its methods for timers and rates, and simulated time, followed and published.
+"""Methods of a node for timers, rates and simulated time, and the classes that follow and publish simulated time.
 
 Source: docs/internals/protocol.md 9.6.
 """
@@ -78,7 +78,7 @@ class TimeSource:
 
 
 class SimTimePublisher(CompositeEntity):
-    """Publisher of ``/clock``, created by `Node.create_sim_time_publisher`.
+    """Publisher of simulated time on ``/clock``, created by `Node.create_sim_time_publisher`.
 
     `advance` and `set_time` change the time. While `rate` is not 0, `rate` simulated seconds pass per second, in steps
     of `period_s`.
@@ -118,11 +118,11 @@ class SimTimePublisher(CompositeEntity):
 
     @property
     def now(self) -> Time:
-        """Time that was published last; before the first message, its time."""
+        """Time that was published last; before the first message, the time at which the publisher starts."""
         return Time(nanoseconds=self._now_ns, clock_type=ClockType.ROS_TIME)
 
     def advance(self, duration: Duration | float) -> None:
-        """Add a duration, or a number of seconds, to the time, and publish; a negative one jumps back.
+        """Add a duration, or a number of seconds, to the simulated time and publish it; a negative duration jumps back.
 
         Raises:
             TypeError: `duration` is neither a duration nor a number.
@@ -132,7 +132,7 @@ class SimTimePublisher(CompositeEntity):
         self.set_time(self.now + Duration(nanoseconds=length_ns))
 
     def set_time(self, now: Time) -> None:
-        """Publish a time, of any clock.
+        """Set the simulated time to a `Time` of any clock type, and publish it.
 
         Raises:
             TypeError: `now` is not a `Time`.
@@ -196,7 +196,7 @@ class TimeMethods(NodeBase):
         return self.create_timer(period_s, callback, clock=self._scope.make_clock(ClockType.STEADY_TIME))
 
     def create_rate(self, frequency_hz: float) -> Rate:
-        """Create a rate: ``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
+        """Create a rate: ``await rate.sleep()`` keeps a loop at a frequency in Hz, measured by the node's clock."""
         from rosidl_py_gen.runtime.time.clock_timer import Rate
 
         return Rate(self.clock, frequency_hz)
@@ -204,11 +204,11 @@ class TimeMethods(NodeBase):
     def create_sim_time_publisher(
         self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
     ) -> SimTimePublisher:
-        """Create a publisher of ``/clock``, for `advance` and `set_time`, or with `rate` simulated seconds per second.
+        """Create a publisher of ``/clock``, whose time the program advances, or which passes with `rate`.
 
         Args:
-            rate: 0 publishes only on request.
-            start: None starts at 0.
+            rate: simulated seconds per second; 0 publishes only when the program calls `advance` or `set_time`.
+            start: first time; None starts at 0.
             period_s: time between two messages.
 
         Raises:

@@ -1,8 +1,8 @@
 """Callbacks and validators around setting parameters: registration, calls, and checks of their return values.
 
-If one raises, the set is refused with a reason that names the function, and the traceback is logged; callbacks that
-were added with `raises` raise to the caller of the set. Exceptions of post-set callbacks do not undo the set. All run
-on the thread that sets, each in a copy of its `contextvars` context.
+If a callback raises, the set is refused with a reason that names the function, and the traceback is logged; callbacks
+that were added with `raises` raise to the caller of the set. Exceptions of post-set callbacks do not undo the set. All
+callbacks run on the thread that sets, each in a copy of the thread's `contextvars` context.
 """
 
 from __future__ import annotations
@@ -37,7 +37,11 @@ class CallbackAnswerError(ParameterError, TypeError):
 
 
 class RefusedError(ParameterError):
-    """Raised with the reason why a set is refused; `failed` names the function that raised, if one did."""
+    """Raised internally with the reason why setting parameters is refused.
+
+    Attributes:
+        failed: description of the callback that raised an exception, such as its name; "" if none did.
+    """
 
     def __init__(self, reason: str, failed: str = "") -> None:
         super().__init__(reason)
@@ -45,7 +49,13 @@ class RefusedError(ParameterError):
 
 
 def require_plain(function: object, subject: str, argument: str) -> None:
-    """Raise `TypeError` unless `function` is a plain function of one argument, which `argument` describes."""
+    """Raise `TypeError` unless `function` is a plain (not async) function that can be called with one argument.
+
+    Args:
+        function: callback of the user.
+        subject: kind of the callback for the error text.
+        argument: description of the argument for the error text.
+    """
     if not callable(function):
         raise TypeError(f"{subject} must be a function, got {function!r}")
     if is_async(function):
@@ -57,7 +67,12 @@ def require_plain(function: object, subject: str, argument: str) -> None:
 
 
 def validate(subject: str, validator: Callable[[Any], str | None], value: Any) -> None:
-    """Raise `RefusedError` if a validator returns a reason or raises; `CallbackAnswerError` for other values."""
+    """Call a validator (user's function that returns None, or the reason to refuse a value).
+
+    Raises:
+        RefusedError: the validator returned a reason, or raised.
+        CallbackAnswerError: the validator returned something else.
+    """
     reason = call_checked(subject, validator, value)
     if not isinstance(reason, str | None):
         raise _wrong_return(subject, reason, "None or a str")
@@ -66,7 +81,11 @@ def validate(subject: str, validator: Callable[[Any], str | None], value: Any) -
 
 
 def call_checked(subject: str, function: Callable[..., Any], *arguments: object) -> Any:
-    """Call a function in a copy of the context; raises `RefusedError` if it raises."""
+    """Call a function in a copy of the `contextvars` context, and return its result.
+
+    Raises:
+        RefusedError: the function raised; the text contains `subject` and the exception.
+    """
     try:
         return copy_context().run(function, *arguments)
     except Exception as error:
@@ -78,14 +97,18 @@ class _Callback(NamedTuple):
     raises: bool
 
     def call(self, subject: str, parameters: Sequence[Parameter]) -> Any:
-        """Return the function's result; raises its error, or `RefusedError` unless `raises`."""
+        """Call the callback with a list of parameters, and return its result.
+
+        Raises:
+            RefusedError: the callback raised, and was not added with `raises`; else its exception is raised.
+        """
         if self.raises:
             return copy_context().run(self.function, list(parameters))
         return call_checked(subject, self.function, list(parameters))
 
 
 class SetCallbacks:
-    """Callbacks of one store. Thread: any."""
+    """Callbacks around setting the parameters of one store. Thread: any."""
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
@@ -93,24 +116,34 @@ class SetCallbacks:
             kind: RegistrationSet() for kind in ("pre-set", "on-set", "post-set", "bound-object")
         }
         self.preparing = False
-        """True while bound objects check a set, during which no other set is possible."""
+        """True while bound objects (of `declare_parameters`) check a set: their validators must not set parameters."""
 
     def add(self, kind: str, callback: Callable[..., Any], *, raises: bool = False) -> Registration:
-        """Call a function around each set until the registration is closed; raises `TypeError` for async functions.
+        """Register a function to be called around each set of parameters, until the returned registration is closed.
 
         Args:
-            kind: ``pre-set``: may replace the list of parameters. ``on-set``: may refuse it; the newest is called
-                first. Other sets wait for both. ``post-set``: called after successful sets and declarations, without a
-                lock. ``bound-object``: checks values after all others agreed; it raises `RefusedError`, or returns a
-                function that is called when the values are stored, before the event, or None.
-            raises: pass its exceptions to the caller of the set.
+            kind: ``pre-set``: may replace the list of parameters. ``on-set``: may refuse the list; the newest callback
+                is called first. Other sets wait for both. ``post-set``: called after successful sets and declarations,
+                without a lock. ``bound-object``: checks values after all other callbacks agreed; it raises
+                `RefusedError`, or returns a function that is called when the values are stored, before the event, or
+                None.
+            callback: plain function that gets the list of parameters (``bound-object``: a dict of names and values).
+            raises: pass exceptions of the callback to the caller of the set.
+
+        Raises:
+            TypeError: the callback is async.
         """
         if kind != "bound-object":
             require_plain(callback, f"the {kind} callback", "the list of parameters")
         return self._callbacks[kind].add(_Callback(callback, raises))
 
     def run_pre_set(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Return the list that the pre-set callbacks return; raises `RefusedError`, `CallbackAnswerError`."""
+        """Call the pre-set callbacks, and return the joined lists of parameters that they return.
+
+        Raises:
+            RefusedError: the result is empty, or a callback raised.
+            CallbackAnswerError: a callback returned something else than a list of valid parameters.
+        """
         if not self._callbacks["pre-set"]:
             return parameters
         result: list[Parameter] = []
@@ -128,9 +161,14 @@ class SetCallbacks:
         return result
 
     def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
-        """Call the on-set callbacks, the newest first, then the callbacks of bound objects.
+        """Call the on-set callbacks, the newest first, then the callbacks of bound objects (of `declare_parameters`).
 
-        Returns the last result, and functions to call once the values are stored. Raises as `run_pre_set`.
+        Returns:
+            last result, and functions to call once the values are stored.
+
+        Raises:
+            RefusedError: a callback refused the parameters, or raised.
+            CallbackAnswerError: a callback returned something else than a `SetResult`.
         """
         result = ACCEPTED
         for callback in reversed(list(self._callbacks["on-set"])):
@@ -154,7 +192,8 @@ class SetCallbacks:
     def run_post_set(self, parameters: Sequence[Parameter]) -> None:
         """Call the post-set callbacks, the newest first.
 
-        Logs their exceptions, but raises the first one of a callback that was added with `raises` after all calls.
+        Exceptions of callbacks are logged, except for the first exception of a callback that was added with `raises`,
+        which is raised after all calls.
         """
         failure: Exception | None = None
         for callback, raises in reversed(list(self._callbacks["post-set"])):
@@ -170,7 +209,11 @@ class SetCallbacks:
 
 
 def _as_result(subject: str, value: Any) -> SetResult:
-    """Convert objects with the fields of a SetResult, such as rcl_interfaces' SetParametersResult."""
+    """Return the `SetResult` for an object with its fields, such as rcl_interfaces' SetParametersResult.
+
+    Raises:
+        CallbackAnswerError: the object does not have the fields.
+    """
     successful, reason = getattr(value, "successful", None), getattr(value, "reason", None)
     if successful is None or not isinstance(reason, str):
         raise _wrong_return(subject, value, "a SetResult with a str as its reason")

@@ -1,8 +1,9 @@
 """Client of the parameters of another node, through its six services and ``/parameter_events``.
 
 Every call waits for the remote node, as part of `timeout_s`. An empty list has no type in Python and YAML, so before
-one is set the type of the remote parameter is requested. Nodes of rclcpp and rclpy refuse integers for doubles, so if
-one is refused, the type is requested, too, and the number set again as a double.
+an empty list is set, the client requests the type of the remote parameter. Nodes of rclcpp and rclpy refuse integers
+for doubles, so if the node refuses an integer, the client requests the type, too, and sets the number again as a
+double.
 """
 
 from __future__ import annotations
@@ -71,16 +72,22 @@ if TYPE_CHECKING:
 _FIRST_BATCH = 50
 _MAX_BATCH = 1000
 _SMALL = 1 << 18
-"""Size of the values of a response, in characters and elements, up to which the next batch is twice as large."""
+"""Size of the values in a response, in characters and elements, up to which the next request asks for twice as many."""
 T = TypeVar("T")
 
 
 class MalformedAnswerError(RosidlError):
-    """Raised for a response of a remote node that does not fit the request."""
+    """Raised for a response of a remote node that does not fit the request, such as too few values."""
 
 
 class RemoteParameterEvent(NamedTuple):
-    """Event that a node sent on ``/parameter_events``; `stamp` is None if it was negative."""
+    """Event about parameters that a node published on ``/parameter_events``.
+
+    Attributes:
+        node: fully qualified name of the node.
+        stamp: time of the change by the node's clock; None if the message has a negative time.
+        event: changed parameters.
+    """
 
     node: str
     stamp: Time | None
@@ -88,7 +95,7 @@ class RemoteParameterEvent(NamedTuple):
 
 
 class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
-    """Async iterator of the parameter events of one node, or of all; close it after use."""
+    """Async iterator of the events about parameters of one node, or of all nodes; close the iterator after use."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: str | None) -> None:
         super().__init__()
@@ -105,10 +112,10 @@ class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
             self._push(RemoteParameterEvent(message.node, read_stamp(message.stamp), event_from_message(message)))
 
     async def wait_for_publishers(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until a publisher is matched.
+        """Wait until a publisher of ``/parameter_events`` is matched.
 
         Raises:
-            WaitTimeoutError: none was matched within `timeout_s`.
+            WaitTimeoutError: no publisher was matched within `timeout_s`.
             ClosedError: the events or the node are closed, also while waiting.
         """
         return await self._subscription.wait_for_publishers(timeout_s)
@@ -116,14 +123,14 @@ class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
     wait_for_publishers_sync = blocking(wait_for_publishers)
 
     def close(self, error: BaseException | None = None) -> None:
-        """Stop listening; the iteration ends. May be called twice."""
+        """Stop receiving events; the iteration ends. May be called twice."""
         super().close(error)
         self._scope.unregister(self)
         self._subscription.close()
 
 
 class ParameterClient(CompositeEntity):
-    """Client of the parameters of another node; created by `create_parameter_client`.
+    """Client of the parameters of another node, created by `Node.create_parameter_client`.
 
     Calls raise `CallTimeoutError` if no reply arrives within `timeout_s`, `ServerLostError` if the node disappears.
     """
@@ -149,7 +156,7 @@ class ParameterClient(CompositeEntity):
         scope.register(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until the remote node serves its parameters.
+        """Wait until the remote node serves all six parameter services.
 
         Raises:
             WaitTimeoutError: at least one service did not appear within `timeout_s`.
@@ -177,10 +184,10 @@ class ParameterClient(CompositeEntity):
     @overload
     async def get(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
     async def get(self, names: str | Sequence[str], timeout_s: float | None = None) -> PythonValue | list[PythonValue]:
-        """Return one value for one name, a list for several; None for a parameter without a value.
+        """Return the value of a remote parameter, or a list of values for a list of names; None if there is no value.
 
         Raises:
-            ParameterNotDeclaredError: at least one of them is not declared, or has no value.
+            ParameterNotDeclaredError: at least one parameter is not declared, or has no value.
             CallTimeoutError: no reply arrived within `timeout_s`.
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
@@ -199,10 +206,10 @@ class ParameterClient(CompositeEntity):
     async def get_types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
-        """Return one type for one name, a list for several.
+        """Return the type of a remote parameter, or a list of types for a list of names.
 
         Raises:
-            ParameterNotDeclaredError: at least one of them is not declared.
+            ParameterNotDeclaredError: at least one parameter is not declared.
             CallTimeoutError: no reply arrived within `timeout_s`.
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
@@ -221,10 +228,10 @@ class ParameterClient(CompositeEntity):
     async def describe(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
-        """Return one descriptor for one name, a list for several.
+        """Return the descriptor of a remote parameter, or a list of descriptors for a list of names.
 
         Raises:
-            ParameterNotDeclaredError: at least one of them is not declared.
+            ParameterNotDeclaredError: at least one parameter is not declared.
             CallTimeoutError: no reply arrived within `timeout_s`.
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
@@ -235,7 +242,12 @@ class ParameterClient(CompositeEntity):
     describe_sync = blocking(describe)
 
     def _select(self, names: str | Sequence[str], requested: list[str], items: list[T]) -> T | list[T]:
-        """Return the item of a single name, or all; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
+        """Return the items of a response, or for a single name its item.
+
+        Raises:
+            ParameterNotDeclaredError: the response is empty.
+            MalformedAnswerError: the response has another number of items than the request has names.
+        """
         if len(items) == len(requested):
             return items[0] if isinstance(names, str) else items
         if not items:
@@ -255,10 +267,10 @@ class ParameterClient(CompositeEntity):
         return [descriptor_from_message(item) for item in response.descriptors]
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
-        """Set each parameter separately; return a result with a reason for each.
+        """Set remote parameters, each separately; return a result for each, with the node's reason if it refuses.
 
         An empty list takes the type of the remote parameter, which costs one or two more requests. A refused integer is
-        set again as a double if the remote parameter is one.
+        set again as a double if the remote parameter is a double.
 
         Raises:
             InvalidParameterValueError: an object is not a parameter value.
@@ -282,7 +294,11 @@ class ParameterClient(CompositeEntity):
     set_sync = blocking(set)
 
     async def _read_all(self, timeout_s: float | None) -> dict[str, ParameterValue]:
-        """Return the values of all parameters that have one; raises `CallTimeoutError`."""
+        """Return name -> value of all parameters of the remote node that have a value.
+
+        Raises:
+            CallTimeoutError: a reply did not arrive within `timeout_s`, which is for all requests together.
+        """
         deadline = Deadline(timeout_s)
         names = (await self.list(timeout_s=deadline.remaining_s())).names
         result: dict[str, ParameterValue] = {}
@@ -301,7 +317,10 @@ class ParameterClient(CompositeEntity):
         return result
 
     async def _read_batch(self, names: list[str], deadline: Deadline) -> dict[str, ParameterValue]:
-        """Return the values of the parameters that have one, for which a node returns none if one of them has none."""
+        """Return the values of those parameters that have one, with further requests if necessary.
+
+        A node returns no value at all if one of the requested parameters has no value.
+        """
         values = await self._get_values(names, deadline.remaining_s())
         if len(values) == len(names):
             return dict(zip(names, values, strict=True))
@@ -319,7 +338,10 @@ class ParameterClient(CompositeEntity):
         return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
-        """Set all parameters or none; values are converted as by `set`.
+        """Set all given remote parameters or none; return the result, with the node's reason if it refuses.
+
+        An empty list takes the type of the remote parameter, which costs one or two more requests. Refused integers are
+        set again as doubles if the remote parameters are doubles.
 
         Raises:
             InvalidParameterValueError: an object is not a parameter value.
@@ -343,7 +365,7 @@ class ParameterClient(CompositeEntity):
         return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
-        """Return the parameter with doubles if it has integers and the remote one doubles, else itself."""
+        """Return the parameter with integers converted to doubles if the remote parameter has doubles, else as is."""
         name, value = parameter
         if value.type not in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY):
             return parameter
@@ -351,7 +373,7 @@ class ParameterClient(CompositeEntity):
         return parameter if double is value else Parameter(name, double)
 
     async def _with_array_types(self, parameters: list[Parameter], deadline: Deadline) -> list[Parameter]:
-        """Give empty lists, which are empty byte arrays here, the array type of the remote parameter."""
+        """Return the parameters; empty lists (here empty byte arrays) get the array type of the remote parameter."""
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
@@ -360,7 +382,7 @@ class ParameterClient(CompositeEntity):
         return parameters
 
     async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
-        """Return the type of a remote parameter; NOT_SET if it is not declared."""
+        """Return the type of a remote parameter; NOT_SET if the parameter is not declared or has no type."""
         kinds = await self._get_types([name], deadline.remaining_s())
         if kinds == [ParameterType.NOT_SET]:  # declared but unset: its descriptor may have a type
             kinds = [item.type for item in await self._get_descriptors([name], deadline.remaining_s())]
@@ -369,7 +391,12 @@ class ParameterClient(CompositeEntity):
     async def list(
         self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None
     ) -> ListParametersResult:
-        """Return names and groups, below the prefixes if there are some; depth 0 is unlimited.
+        """Return the names and groups of the remote node's parameters.
+
+        Args:
+            prefixes: groups whose parameters are listed; empty: all parameters.
+            depth: maximum number of parts of a name below the prefix; 0 is unlimited.
+            timeout_s: None waits forever.
 
         Raises:
             CallTimeoutError: no reply arrived within `timeout_s`.
@@ -383,14 +410,14 @@ class ParameterClient(CompositeEntity):
     list_sync = blocking(list)
 
     async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
-        """Set the values of a parameter file for the remote node, as `set` does.
+        """Set the values that a parameter file has for the remote node, each separately; return name -> result.
 
-        A read-only parameter that has the value of the file already counts as set, so that the text of `dump_yaml` can
+        A read-only parameter that already has the value of the file counts as set, so that the text of `dump_yaml` can
         be loaded.
 
         Raises:
-            ParameterFileError: it is not a parameter file, or has no values for the remote node.
-            OSError: it cannot be read.
+            ParameterFileError: the file is not a parameter file, or has no values for the remote node.
+            OSError: the file cannot be read.
             CallTimeoutError: no reply arrived within `timeout_s`.
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
@@ -414,7 +441,7 @@ class ParameterClient(CompositeEntity):
     async def _ignore_unchanged_read_only(
         self, name: str, value: ParameterValue, refused: SetResult, deadline: Deadline
     ) -> SetResult:
-        """Return success if a read-only parameter already has the value of the file, else the refusal."""
+        """Return a success if a parameter is read-only and already has the value of the file, else a refusal."""
         if not any(item.read_only for item in await self._get_descriptors([name], deadline.remaining_s())):
             return refused
         values = await self._get_values([name], deadline.remaining_s())
@@ -430,7 +457,7 @@ class ParameterClient(CompositeEntity):
         return SetResult(False, f"it is read-only with {actual.value!r:.100}; the file has {value.value!r:.100}")
 
     async def get_all(self, timeout_s: float | None = None) -> dict[str, PythonValue]:
-        """Return the values of all parameters that have one, by name; `timeout_s` is for all requests together.
+        """Return name -> value of all remote parameters that have a value; `timeout_s` is for all requests together.
 
         Raises:
             CallTimeoutError: no reply arrived within `timeout_s`.
@@ -442,10 +469,10 @@ class ParameterClient(CompositeEntity):
     get_all_sync = blocking(get_all)
 
     async def dump_yaml(self, timeout_s: float | None = None) -> str:
-        """Return the text of a parameter file with all values of the remote node; see `get_all`.
+        """Return the text of a parameter file with the values of all remote parameters that have a value.
 
         Raises:
-            CallTimeoutError: no reply arrived within `timeout_s`.
+            CallTimeoutError: no reply arrived within `timeout_s`, which is for all requests together.
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
         """

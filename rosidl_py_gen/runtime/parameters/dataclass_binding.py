@@ -1,10 +1,11 @@
 """Binding of a dataclass to the parameters of a store.
 
-`bind_class` declares each field and returns a parameter object, typed as the dataclass, which follows all sets. It is a
-proxy of one immutable instance. A set is checked on a new complete instance, which then replaces the current one, so
-neither is ever partially updated. Assigning to an attribute sets the parameter. Methods of the class get the proxy as
-`self`, so they may assign; all else, properties included, is read from the instance. `isinstance` and the functions of
-`dataclasses` need an instance, which `snapshot` returns.
+`bind_class` declares each field as a parameter, and returns a parameter object, typed as the dataclass, whose
+attributes follow all sets. The parameter object is a proxy of one immutable instance of the dataclass. A set is checked
+on a new complete instance, which then replaces the current instance, so neither is ever partially updated. Assigning to
+an attribute sets the parameter. Methods of the class get the proxy as `self`, so they may assign; all else, properties
+included, is read from the instance. `isinstance` and the functions of `dataclasses` need an instance, which `snapshot`
+returns.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ T = TypeVar("T")
 
 
 class ParameterProxy:
-    """Proxy of the object at `path` of the binding's current instance. Its own names cannot be names of fields."""
+    """Parameter object: proxy of a dataclass instance, which sets replace, or of the nested object at `path` in it.
+
+    Attributes of the proxy itself have names that fields cannot have.
+    """
 
     __slots__ = ("__binding__", "__path__")
     __hash__ = None  # type: ignore[assignment]
@@ -83,28 +87,36 @@ class ParameterProxy:
 
 
 def current(value: Any) -> Any:
-    """Return the instance of a parameter object, which must not be changed, or the value itself if it is none."""
+    """Return the current instance behind a parameter object, which must not be changed; return other values as is."""
     if not isinstance(value, ParameterProxy):
         return value
     return follow(value.__binding__.current, value.__path__)
 
 
 def follow(value: Any, path: tuple[str, ...]) -> Any:
-    """Return the object at a path of attribute names."""
+    """Return the object that a path of attribute names leads to, beginning at `value`."""
     return functools.reduce(getattr, path, value)
 
 
 def update_parameters(parameter_object: object, /, **changes: Any) -> None:
     """Set several fields of a parameter object atomically; nested fields as ``left=Motor(...)``.
 
-    Raises as assigning does; then nothing has changed.
+    Raises:
+        ParameterImmutableError: a parameter is read-only; nothing has changed.
+        InvalidParameterValueError: a value is refused; nothing has changed.
+        AttributeError: there is no such field.
+        TypeError: `parameter_object` is not a parameter object, or a nested value is not of its class.
     """
     proxy = _proxy(parameter_object)
     proxy.__binding__.set({(*proxy.__path__, name): value for name, value in changes.items()})
 
 
 def snapshot(parameter_object: T) -> T:
-    """Return a copy of the instance, with all values of one moment. Thread: any."""
+    """Return a copy of a parameter object as a plain dataclass instance, with all values of one moment. Thread: any.
+
+    Raises:
+        TypeError: the argument is not a parameter object.
+    """
     return cast("T", copy.deepcopy(current(_proxy(parameter_object))))
 
 
@@ -115,9 +127,9 @@ def _proxy(live: object) -> ParameterProxy:
 
 
 class FixedList(list[Any]):
-    """List that raises if it is changed in place, which would not set the parameter.
+    """Value of a list field of a parameter object; raises `TypeError` if the program changes the list in place.
 
-    ``drive.tags += ["x"]`` sets the parameter; copies are plain lists.
+    Such a change would not set the parameter, but ``drive.tags += ["x"]`` does; copies are plain lists.
     """
 
     __slots__ = ()
@@ -139,7 +151,7 @@ class FixedList(list[Any]):
 
 
 class _ParameterBinding:
-    """Binding of one parameter object to a store."""
+    """Binding of one parameter object (of `declare_parameters`) to the parameters of a store."""
 
     def __init__(self, store: ParameterStore, cls: type, prefix: str, validator: Callable[[Any], str | None] | None):
         self.store = store
@@ -153,7 +165,14 @@ class _ParameterBinding:
     # Order of a set: on-set callbacks, prepare, store, commit, event, post-set callbacks.
 
     def prepare(self, changes: Mapping[str, ParameterValue]) -> Commit | None:
-        """Check a change on a new instance, and return a function that publishes it; raises `RefusedError`."""
+        """Check changed values on a new instance of the dataclass.
+
+        Returns:
+            function that makes the new instance the current one; None if the values are of other parameters.
+
+        Raises:
+            RefusedError: a validator refuses the values, or their types differ from the fields' types.
+        """
         own = {name: value for name, value in changes.items() if name in self.fields}
         if not own and self.current is not None:
             return None
@@ -167,7 +186,7 @@ class _ParameterBinding:
         return commit
 
     def _refuse_other_types(self, values: Mapping[str, ParameterValue]) -> None:
-        """Raise `RefusedError` for a parameter that was undeclared, and is declared again with another type."""
+        """Raise `RefusedError` if a type differs from its field's: the parameter was undeclared and declared again."""
         for name, value in values.items():
             field = self.fields[name]
             if value.type is not field.kind and (value.is_set or not field.annotation.optional):
@@ -175,7 +194,11 @@ class _ParameterBinding:
                 raise RefusedError(f"it is bound to {attribute} of type {field.kind.name}, not {value.type.name}")
 
     def _create_instance(self, values: Mapping[str, ParameterValue], changed: Mapping[str, ParameterValue]) -> Any:
-        """Return an instance with these values, after the validators of the `changed` fields and of the class."""
+        """Return a new instance of the dataclass, after the validators of the `changed` fields and of the class.
+
+        Raises:
+            RefusedError: a validator, or the constructor of the dataclass, refuses a value.
+        """
         try:
             plain = {name: field.from_parameter(values[name]) for name, field in self.fields.items()}
         except InvalidParameterValueError as error:
@@ -193,7 +216,13 @@ class _ParameterBinding:
         return instance
 
     def set(self, changes: Mapping[tuple[str, ...], Any]) -> None:
-        """Set the parameters at some paths; raises the reason of a refusal as an error."""
+        """Set the parameters at the given attribute paths.
+
+        Raises:
+            ParameterImmutableError: a parameter is read-only.
+            InvalidParameterValueError: a value is refused.
+            AttributeError: there is no field at a path.
+        """
         parameters = [item for path, value in changes.items() for item in self._parameters(path, current(value))]
         result = self.store.set_atomically(parameters)
         if result.successful:
@@ -203,7 +232,7 @@ class _ParameterBinding:
         raise InvalidParameterValueError(result.reason)
 
     def _parameters(self, path: tuple[str, ...], value: Any) -> list[Parameter]:
-        """Return the parameters at or below `path`, with values of the attributes of `value`."""
+        """Return the parameters at or below an attribute path, with the values that `value` or its attributes have."""
         if path in self.groups:
             _require_instance(".".join(path), value, type(follow(self.current, path)))
         fields = [field for field in self.fields.values() if field.path[: len(path)] == path]
@@ -213,7 +242,11 @@ class _ParameterBinding:
 
 
 def _build(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
-    """Create an instance of `cls`, and of nested classes, from the values at these paths."""
+    """Create an instance of a dataclass, nested dataclasses included, from a value for each attribute path.
+
+    Raises:
+        RefusedError: a constructor raised.
+    """
     arguments = {path[0]: value for path, value in values.items() if len(path) == 1}
     for name in dict.fromkeys(path[0] for path in values if len(path) > 1):
         nested = {path[1:]: value for path, value in values.items() if path[0] == name}
@@ -227,7 +260,7 @@ def _build(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
 
 
 def _require_instance(subject: str, value: object, expected: type) -> None:
-    """Raise `TypeError` unless the value and its nested dataclasses are instances."""
+    """Raise `TypeError` unless a value and its nested dataclasses are instances of the expected classes."""
     if not isinstance(value, expected):
         raise TypeError(
             f"{subject} must be an object of {expected.__name__}, got {value!r} of type {type(value).__name__}"
@@ -246,7 +279,7 @@ def bind_class(
     initial: T | None = None,
     validator: Callable[[T], str | None] | None = None,
 ) -> T:
-    """Implement `Node.declare_parameters`: declare the fields of `cls`, and return the parameter object.
+    """Declare the fields of a dataclass as parameters, and return the parameter object (see `Node.declare_parameters`).
 
     Events and post-set callbacks follow after all declarations. The field of an undeclared parameter keeps its last
     value until the parameter is declared again, with the same type.

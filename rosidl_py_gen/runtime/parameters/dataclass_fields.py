@@ -31,16 +31,22 @@ from rosidl_py_gen.runtime.parameters.values import (
 )
 
 Validator = Callable[[Any], "str | None"]
-"""Function that takes the new value, and returns None or the reason to refuse it."""
+"""Function that takes the new value of a field or object, and returns None, or the reason to refuse the value."""
 
 
 class ParameterClassError(ParameterError, TypeError):
-    """Raised for a dataclass that cannot be parameters; the text names class and field."""
+    """Raised for a dataclass whose fields cannot be parameters; the text names class and field."""
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Allowed values of a number, or of each number of an array; `step` 0 allows all values in the range."""
+    """Annotation of a field: allowed values of a number, or of each number of an array.
+
+    Attributes:
+        from_value: lowest value.
+        to_value: highest value.
+        step: distance between allowed values; 0 allows all values in the range.
+    """
 
     from_value: float
     to_value: float
@@ -48,7 +54,7 @@ class Range:
 
 
 class ReadOnly:
-    """Mark of a field that keeps the value of its declaration."""
+    """Annotation of a field whose parameter is read-only: it keeps the value of its declaration."""
 
 
 Int8 = Annotated[int, IntRange(-(2**7), 2**7 - 1)]
@@ -66,17 +72,20 @@ UInt16 = Annotated[int, IntRange(0, 2**16 - 1)]
 UInt32 = Annotated[int, IntRange(0, 2**32 - 1)]
 """Integer from 0 to 4294967295, as the type of a field of a parameter class."""
 UInt64 = Annotated[int, IntRange(0, INT64_MAX)]
-"""Integer from 0 to 2^64 - 1, of which 2^63 - 1 can be sent, as the type of a field of a parameter class."""
+"""Integer from 0 to 2^63 - 1, the largest integer parameter, as the type of a field of a parameter class."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldAnnotation:
-    """Parsed annotation of a field.
+    """Parsed annotation of a field of a parameter dataclass.
 
     Attributes:
-        kind: None for a type that no parameter can have.
+        kind: type of the parameter; None for a type that no parameter can have.
         container: list or tuple for arrays.
+        optional: the parameter may have no value (None).
+        enum: Enum class of the field.
         choices: allowed parameter values; empty if all are allowed.
+        metadata: further arguments of `Annotated`.
     """
 
     kind: ParameterType | None = None
@@ -93,6 +102,10 @@ class ParameterField:
 
     Attributes:
         path: attribute names from the outermost object to the field.
+        annotation: parsed annotation.
+        descriptor: descriptor of the parameter.
+        validators: functions that may refuse a value.
+        element_range: range of each element of an array.
     """
 
     path: tuple[str, ...]
@@ -103,7 +116,7 @@ class ParameterField:
 
     @property
     def name(self) -> str:
-        """Dotted name of the parameter."""
+        """Dotted name of the parameter, such as ``left.speed`` for a nested field."""
         return self.descriptor.name
 
     @property
@@ -112,7 +125,11 @@ class ParameterField:
         return self.descriptor.type
 
     def to_parameter(self, value: Any) -> ParameterValue:
-        """Convert a value of the field; raises `InvalidParameterValueError` with the name of the parameter."""
+        """Convert a value of the field, such as an Enum member, to a parameter value.
+
+        Raises:
+            InvalidParameterValueError: the value does not fit; the text contains the name of the parameter.
+        """
         if value is None and self.annotation.optional:
             return ParameterValue()
         if self.annotation.enum is not None and isinstance(value, self.annotation.enum):
@@ -127,7 +144,11 @@ class ParameterField:
             raise InvalidParameterValueError(f"parameter {self.name!r}: {error}") from error
 
     def from_parameter(self, value: ParameterValue) -> Any:
-        """Convert to a value of the field; raises `InvalidParameterValueError` unless it is one of the choices."""
+        """Convert a parameter value to a value of the field, such as an Enum member.
+
+        Raises:
+            InvalidParameterValueError: the value is not one of the field's choices.
+        """
         plain = value.value
         if plain is None:
             return None
@@ -139,7 +160,12 @@ class ParameterField:
         return self.annotation.container(plain) if self.annotation.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
-        """Check the ranges of items, and call the validators; the store checks all else. Raises as `validate`."""
+        """Check the range of each element of an array, and call the field's validators; the store checks all else.
+
+        Raises:
+            RefusedError: an element is out of range, or a validator refuses the value or raises.
+            CallbackAnswerError: a validator returned something else than None or a reason.
+        """
         if value is None:
             return
         allowed = self.element_range
@@ -153,7 +179,7 @@ class ParameterField:
 
 
 def _enum_by_value(enum: type[Enum]) -> bool:
-    """Return True if all values are str, or all are int; other enums are converted by name."""
+    """Return True if an Enum is converted by the values of its members: all are str, or all are int; others by name."""
     kinds = {type(member.value) for member in enum}
     return len(kinds) == 1 and kinds <= {str, int}
 
@@ -163,11 +189,15 @@ def _enum_plain(enum: type[Enum], member: Enum) -> Any:
 
 
 def parameter_fields_of(cls: type, prefix: str = "", path: tuple[str, ...] = ()) -> list[ParameterField]:
-    """Return the parameters of a dataclass in the order of its fields; raises `ParameterClassError`.
+    """Return the parameters of a dataclass in the order of its fields, fields of nested dataclasses included.
 
     Args:
+        cls: dataclass.
         prefix: prepended to the names of parameters.
         path: attributes that lead to the dataclass, if it is nested.
+
+    Raises:
+        ParameterClassError: the class is not a dataclass, or a field cannot be a parameter.
     """
     if not isinstance(cls, type) or not dataclasses.is_dataclass(cls):
         raise ParameterClassError(
@@ -194,7 +224,7 @@ def parameter_fields_of(cls: type, prefix: str = "", path: tuple[str, ...] = ())
 
 
 def nested_class(cls: type, name: str) -> type | None:
-    """Return the dataclass of a field that is a group of parameters, else None."""
+    """Return the dataclass that is the type of a field, which then is a group of parameters; None for other types."""
     hint = _hints_without_metadata(cls)[name]
     return hint if isinstance(hint, type) and dataclasses.is_dataclass(hint) else None
 

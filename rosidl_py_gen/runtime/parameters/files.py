@@ -1,11 +1,12 @@
 """Reader and writer of parameter files, in the YAML dialect of rcl.
 
-Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So YAML only separates plain from
-quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged ``!!str`` are strings;
-other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as in `get_value` of
-parse.c of rcl_yaml_param_parser. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide about the type.
+Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So the YAML library only
+separates plain from quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged
+``!!str`` are strings; other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as
+in `get_value` of parse.c of rcl_yaml_param_parser. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide
+about the type.
 
-Files are read event by event, as rcl does, because its results do not always follow the structure of the maps.
+Files are read event by event, as rcl does, because the results of rcl do not always follow the structure of the maps.
 
 Lines are written without the emitter of PyYAML, which takes one second for each MB of a long text, and recurses for
 each level. Each value is on one line; scalars are plain if that is unambiguous, else in double quotes with JSON
@@ -54,13 +55,13 @@ _TYPE_TAGS = {
     "tag:yaml.org,2002:int": ParameterType.INTEGER,
     "tag:yaml.org,2002:float": ParameterType.DOUBLE,
 }
-"""Tags that have an effect since Lyrical."""
+"""YAML tag -> type of the parameter, for tags that rcl obeys since Lyrical."""
 _MAX_LEVELS = 500
-"""Maximum depth of maps, which names of nodes and parameters may form; rcl has no limit."""
+"""Maximum depth of nested maps in a parameter file (names of nodes and groups); rcl has no limit."""
 _MAX_BYTES = 1 << 28
 """Maximum size of a parameter file: `dump_parameters` may write large texts, such as maps."""
 _NAMESPACE_TOKEN = re.compile(r"[A-Za-z_]\w{0,199}\Z", re.ASCII)
-"""Valid token of a namespace; longer ones may be valid as well."""
+"""Pattern of a valid part of a namespace; longer parts may be valid as well."""
 _MAX_NAME_CHARACTERS = 1 << 26
 """Maximum length of all names of nodes and parameters of a file together. Nested maps repeat the names of groups."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
@@ -71,18 +72,22 @@ _HEX_FLOAT = re.compile(r"[+-]?0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]
 _NAN = re.compile(r"(?:\.nan|\.NaN|\.NAN|[+-]?[nN][aA][nN])\Z")
 _INFINITE = re.compile(r"(?P<sign>[+-]?)(?:\.inf|\.Inf|\.INF|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?)\Z")
 _MAX_WRITTEN_LEVELS = 16
-"""Maximum depth of maps below a node; the rest of a longer name becomes one key with dots."""
+"""Maximum depth of maps that `dump_parameters` writes below a node; the rest of a longer name is one key with dots."""
 _MAX_SIMPLE_KEY = 900
-"""Maximum length of a key before a colon: libyaml accepts 1024 characters. Longer keys follow a question mark."""
+"""Maximum length of a key before a colon; longer keys follow a question mark. libyaml reads up to 1024 characters."""
 _PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
-"""Text that has the same meaning with and without quotes, also in a list."""
+"""Pattern of a string that has the same meaning in YAML with and without quotes, also in a list."""
 
 
 # ----------------------------------------------------------------------------------------------------------- scalars
 
 
 def plain_scalar(text: str) -> ParameterValue:
-    """Return the value of an unquoted scalar; raises `InvalidParameterValueError` for an empty one."""
+    """Return the parameter value that rcl reads from an unquoted scalar of YAML.
+
+    Raises:
+        InvalidParameterValueError: the scalar is empty.
+    """
     if not text:
         raise InvalidParameterValueError("empty value; write '' for an empty string")
     if text in _TRUE or text in _FALSE:
@@ -99,7 +104,7 @@ def plain_scalar(text: str) -> ParameterValue:
 
 
 def _float(text: str) -> float | None:
-    """Convert like strtod, plus ``.nan`` and ``.inf``; None if the text is not a number, or out of range."""
+    """Convert a number like C's strtod, plus ``.nan`` and ``.inf``; None if it is not a number, or out of range."""
     infinite = _INFINITE.match(text)
     if infinite:
         return -math.inf if infinite["sign"] == "-" else math.inf
@@ -113,10 +118,14 @@ def _float(text: str) -> float | None:
 
 
 def underflows(text: str, value: float) -> bool:
-    """Return True if glibc's strtod reports ERANGE for a tiny number, so that rcl reads it as a string.
+    """Return True if glibc's strtod reports ERANGE for a tiny number, so that rcl reads the number as a string.
 
     That happens if digits are lost: for ``1e-310`` and ``1e-400``, not for ``0e-400``. A hexadecimal number counts as
     exact unless it becomes zero.
+
+    Args:
+        text: number as written.
+        value: converted number.
     """
     is_hex = "x" in text.lower()
     digits = text.lower().partition("p" if is_hex else "e")[0].strip("+-0x.")
@@ -127,14 +136,27 @@ def underflows(text: str, value: float) -> bool:
 
 
 def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverrides]:
-    """Parse a parameter file; `name` is its name in errors. Raises `ParameterFileError` with line and column."""
+    """Parse the text of a parameter file; return the values for each node key.
+
+    Args:
+        text: contents of the file.
+        name: name of the file for error texts.
+
+    Raises:
+        ParameterFileError: the text is not a parameter file; the error contains line and column.
+    """
     table = ParameterTable()
     table.read_file(text, name)
     return table.overrides()
 
 
 def read_parameter_file(path: Path) -> list[ParameterOverrides]:
-    """Read and parse a parameter file; raises `ParameterFileError`, also if it is not UTF-8, and `OSError`."""
+    """Read and parse a parameter file; return the values for each node key.
+
+    Raises:
+        ParameterFileError: the file is not a parameter file, or not in UTF-8.
+        OSError: the file cannot be read.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -143,27 +165,38 @@ def read_parameter_file(path: Path) -> list[ParameterOverrides]:
 
 
 def parse_parameter_value(text: str) -> ParameterValue:
-    """Parse the value of a ``-p name:=value`` argument, a scalar or a list; raises `ParameterFileError`."""
+    """Parse the value of a ``-p name:=value`` argument, a scalar or a list.
+
+    Raises:
+        ParameterFileError: the text is neither a scalar nor a list.
+    """
     table = ParameterTable()
     table.read_argument("/**", "value", text, "<value>")
     return table.overrides()[0].values["value"]
 
 
 class ParameterTable:
-    """Parameters of nodes from files and arguments, combined as rcl combines them.
+    """Parameters of nodes from files and ``-p`` arguments, combined as rcl combines them.
 
     - Later values replace earlier ones below the same node key. rcl has one slot for each type, so that a later value
-      of another type is read only if its type precedes the other one in `_PRECEDENCE`.
-    - Node keys are compared as they are written: ``show`` and ``/show`` are two. `overrides` returns them in the order
-      of their first appearance; of several keys that match a node, the last one wins.
-
+      of another type is read only if its type precedes the other type in `_PRECEDENCE`.
+    - Node keys are compared as they are written: ``show`` and ``/show`` are two. `overrides` returns the keys in the
+      order of their first appearance; of several keys that match a node, the last one wins.
     """
 
     def __init__(self) -> None:
         self._nodes: dict[str, _NodeValues] = {}
 
     def read_file(self, text: str, name: str) -> None:
-        """Add the parameters of a file; `name` is for errors and warnings. Raises `ParameterFileError`."""
+        """Add the parameters in the text of a parameter file.
+
+        Args:
+            text: contents of the file.
+            name: name of the file for errors and warnings.
+
+        Raises:
+            ParameterFileError: the text is not a parameter file.
+        """
         reader = _FileReader(name, self.node)
         try:
             for event in yaml_events(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS):
@@ -172,7 +205,17 @@ class ParameterTable:
             raise ParameterFileError(error.at(name)) from None
 
     def read_argument(self, key: str, parameter: str, text: str, source: str) -> None:
-        """Add the value of ``-p``; `source` is for warnings. Raises `ParameterFileError`."""
+        """Add the value of a ``-p`` argument.
+
+        Args:
+            key: node key; ``/**`` for all nodes.
+            parameter: name of the parameter.
+            text: value, a scalar or a list in YAML.
+            source: the argument, for warnings.
+
+        Raises:
+            ParameterFileError: the text is neither a scalar nor a list.
+        """
         slot = self.node(key, source).slot(parameter)
         reader = _ValueReader("<value>", slot)
         try:
@@ -186,14 +229,14 @@ class ParameterTable:
             raise ParameterFileError("<value>: empty value; for an empty string write \"''\" in a shell")
 
     def node(self, key: str, source: str) -> _NodeValues:
-        """Return the values of a node key, for more values from `source`."""
+        """Return the values below a node key; values added to the result come from `source` (a file or argument)."""
         node = self._nodes.setdefault(key, _NodeValues(key))
         node.sources.setdefault(source)
         node.source = source
         return node
 
     def overrides(self) -> list[ParameterOverrides]:
-        """Return the values by node key and source."""
+        """Return the values that rcl reads, for each node key and each source (file or argument) with that key."""
         overrides: list[ParameterOverrides] = []
         for node in self._nodes.values():
             values: dict[str, dict[str, ParameterValue]] = {source: {} for source in node.sources}
@@ -216,7 +259,7 @@ class ParameterTable:
 
 
 class _Slot:
-    """Values of one parameter, one for each type, with their sources."""
+    """Values of one parameter as rcl stores them: one for each type, each with its source (file or argument)."""
 
     def __init__(self, node: _NodeValues) -> None:
         self._node = node
@@ -229,18 +272,18 @@ class _Slot:
         self._values[value.type] = value, self._node.source
 
     def set_empty_list(self) -> None:
-        """Leave the value that the parameter has, as rcl does."""
+        """Record an empty list, which leaves another value of the parameter in place, as in rcl."""
         self._is_empty_list = True
 
     def value_and_source(self) -> tuple[ParameterValue, str]:
-        """Return the value that rcl reads; an empty list if there is no other, NOT_SET for an empty map."""
+        """Return the value that rcl reads, and its source; without a value, an empty list or NOT_SET (empty map)."""
         for type_ in _PRECEDENCE:
             if type_ in self._values:
                 return self._values[type_]
         return parameter_value([]) if self._is_empty_list else ParameterValue(), self._source
 
     def ignored(self) -> list[tuple[ParameterValue, str]]:
-        """Return the last value, if it is not the one that rcl reads."""
+        """Return a list of the last value and its source if rcl reads another value, else an empty list."""
         last = list(self._values.values())[-1:]
         return [] if last == [self.value_and_source()] else last
 
@@ -256,17 +299,18 @@ _PRECEDENCE = (
     ParameterType.DOUBLE_ARRAY,
     ParameterType.STRING_ARRAY,
 )
-"""Order in which rclpy's `_parameter_from_rcl_variant` looks for a value."""
+"""Types in the order in which rclpy's `_parameter_from_rcl_variant` searches for the value of a parameter."""
 
 
 class _NodeValues:
     """Parameters below one node key.
 
-    rcl stores a list of slots. The slot of a group gets the name of the group's first parameter, and the next parameter
-    of the group a new slot. So names in groups may appear twice, and the later slot wins.
+    rcl stores a list of slots (one for each parameter name). The slot of a group gets the name of the group's first
+    parameter, and the next parameter of the group gets a new slot. So names in groups may appear twice, and the later
+    slot wins.
 
     Attributes:
-        key: as it is written.
+        key: node key as it is written.
         sources: files and arguments with the key, in order.
         source: the current file or argument.
     """
@@ -278,14 +322,17 @@ class _NodeValues:
         self._names: list[str] = []
         self._slots: list[_Slot] = []
         self._indexes: dict[str, list[int]] = {}
-        """Heaps: the slots of each name."""
+        """Name -> heap of the indexes of all slots with that name."""
 
     def slot(self, name: str) -> _Slot:
-        """Return the first slot of a name; add one if there is none."""
+        """Return the first slot with a name; add a slot if there is none."""
         return self._slots[self._index(name)]
 
     def member_slot(self, group: str, name: str) -> tuple[str, _Slot]:
-        """Rename the first slot of a group, which is added if there is none, to a member of the group; return both."""
+        """Give the first slot of a group the name of a member of the group, as rcl does; return full name and slot.
+
+        If the group has no slot, a slot is added.
+        """
         index = self._index(group)
         heapq.heappop(self._indexes[group])
         member = self._names[index] = f"{group}.{name}"
@@ -307,7 +354,7 @@ class _NodeValues:
 class _Path:
     """Names of nested maps, joined and shortened as in namespace.c of rcl_yaml_param_parser.
 
-    `pop` cuts at the last separator, so a name that contains one leaves its beginning.
+    `pop` cuts at the last separator; so if a name itself contains a separator, only its last part is removed.
     """
 
     def __init__(self, separator: str) -> None:
@@ -321,7 +368,7 @@ class _Path:
         self.text, self.count = self.text + name if self.count else name, self.count + 1
 
     def replace(self, text: str) -> None:
-        """Replace all names by those in `text`; there is one name more."""
+        """Replace the joined names by `text`, and increase the number of names by one."""
         self.text, self.count = text, self.count + 1
 
     def pop(self) -> None:
@@ -334,7 +381,7 @@ class _Path:
 
 
 class _ValueReader:
-    """Reader of a scalar or a list."""
+    """Reader of the YAML events of one parameter value, a scalar or a list, into a slot."""
 
     def __init__(self, file_name: str, slot: _Slot) -> None:
         self._file_name = file_name
@@ -348,7 +395,7 @@ class _ValueReader:
         return self._list_start is not None
 
     def read(self, event: yaml.Event) -> bool:
-        """Read an event; return True if it ends the value."""
+        """Read a YAML event; return True if the value is complete."""
         if isinstance(event, yaml.ScalarEvent):
             try:
                 if self._list_start is None:
@@ -382,11 +429,12 @@ class _ValueReader:
 
 
 class _FileReader:
-    """State of rcl's reader between the events of a file, the ends of documents included.
+    """Reader of parameter files that imitates the state of rcl's reader between YAML events.
 
-    It follows `parse_file_events` and `parse_key` of rcl_yaml_param_parser, whose results differ from the structure of
-    the maps for names that contain separators. Lists in lists, maps in lists, and empty maps before other parameters
-    are refused, because rcl misreads them. Source: docs/internals/protocol.md 10.5.
+    The state remains at the ends of YAML documents. The reader follows `parse_file_events` and `parse_key` of
+    rcl_yaml_param_parser, whose results differ from the structure of the maps for names that contain separators. Lists
+    in lists, maps in lists, and empty maps before other parameters are refused, because rcl misreads them. Source:
+    docs/internals/protocol.md 10.5.
     """
 
     def __init__(self, file_name: str, find_node: Callable[[str, str], _NodeValues]) -> None:
@@ -395,11 +443,11 @@ class _FileReader:
         self._names, self._groups = _Path("/"), _Path(".")
         self._depth = 0
         self._section_depth: int | None = None
-        """Depth of the map below ``ros__parameters``, while it is open."""
+        """Depth of the map below the key ``ros__parameters``, while that map is open."""
         self._is_in_section = False
-        """True while rcl takes keys for parameters; it becomes False already at the end of an empty map."""
+        """True while rcl takes keys for names of parameters; False already after an empty map, as in rcl."""
         self._section_key: yaml.ScalarEvent | None = None
-        """Key ``ros__parameters`` whose map has to follow."""
+        """Event of the key ``ros__parameters`` if the map below it must follow next."""
         self._is_key = True
         self._is_new_map = False
         self._map_start: yaml.Event | None = None
@@ -503,7 +551,7 @@ class _FileReader:
 
 
 def node_key_fault(key: str) -> str | None:
-    """Return the reason why rcl refuses a node key, None if the key is valid.
+    """Return the reason why rcl refuses a node key of a parameter file, None if the key is valid.
 
     Each part before the last slash must be ``*``, ``**`` or a valid namespace, and the rest ``*``, ``**`` or a valid
     name of a node.
@@ -556,7 +604,7 @@ def _tagged_scalar(text: str, wanted: ParameterType) -> ParameterValue:
 
 
 def _bytes(node: yaml.ScalarEvent) -> ParameterValue | None:
-    """Return the value of a base64 scalar with the tag ``!!binary``, which `dump_parameters` writes, else None."""
+    """Return the byte array of a base64 scalar with the tag ``!!binary``, which `dump_parameters` writes; else None."""
     if node.tag != _BINARY:
         return None
     try:
@@ -566,10 +614,10 @@ def _bytes(node: yaml.ScalarEvent) -> ParameterValue | None:
 
 
 def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterValue]) -> str:
-    """Return the text of a parameter file for one node, which contains all parameters that have a value.
+    """Return the text of a parameter file for one node, with all parameters that have a value.
 
-    Byte arrays are written as ``!!binary``, which only this package reads; rcl has no form for them. The type of an
-    empty list is lost; its declaration restores it.
+    Byte arrays are written as ``!!binary``, which only this package reads; rcl has no form for byte arrays. The type of
+    an empty list is lost; the declaration of the parameter restores the type.
     """
     tree: dict[str, object] = {}
     for name, value in values.items():
@@ -586,7 +634,10 @@ def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterVal
 
 
 def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
-    """Split a name at its dots, up to a group whose name is also a parameter's, or before an empty part."""
+    """Split a parameter name at its dots into keys of nested maps.
+
+    The rest of the name is one key from a group on that has the name of a parameter, or from an empty part on.
+    """
     parts = name.split(".", _MAX_WRITTEN_LEVELS)
     prefix = ""
     for index, part in enumerate(parts[:-1]):
@@ -637,7 +688,7 @@ def _scalar_text(value: bool | int | float | str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return the text in double quotes, with escapes for all characters that are not printable."""
+    """Return a string in double quotes for YAML, with escapes for all characters that are not printable."""
     quoted = json.dumps(text, ensure_ascii=False)
     if quoted.isprintable():
         return quoted

@@ -1,11 +1,11 @@
 """Initial values of parameters from command lines, files and constructors, and warnings about unused ones.
 
-ROS silently ignores a mistyped name in ``-p``, in a file or in `parameter_overrides`. The warning comes when a peer
-requests the list of parameters of a node, as ``param list`` does, and at the latest when the last node closes that the
-value matches. A value for several nodes is unused only if all of them ignore it, and lifecycle nodes may declare
-parameters until they are configured. Each value is reported once.
+ROS silently ignores a mistyped name in ``-p``, in a file or in `parameter_overrides`. This package logs a warning when
+a peer requests the list of parameters of a node, as ``param list`` does, and at the latest when the last node closes
+that the value is for. A value for several nodes is unused only if all of them ignore it, and lifecycle nodes may
+declare parameters until they are configured. Each value is reported once.
 
-Reading YAML is in `files.py`, because importing PyYAML takes time and is not needed without parameters.
+The reader of YAML is in `files.py`, because importing PyYAML takes time and is not needed without parameters.
 Source: docs/internals/protocol.md 10.5.
 """
 
@@ -27,25 +27,25 @@ if TYPE_CHECKING:
 
 
 class ParameterFileError(RosidlError, ValueError):
-    """Raised for an invalid parameter file or value, with its position."""
+    """Raised for an invalid parameter file, or an invalid value of ``-p``; the text contains the position."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterOverrides:
-    """Values for the nodes whose fully qualified names match `pattern`, which begins with ``/``."""
+    """Initial parameter values for the nodes whose fully qualified names match `pattern`, which begins with ``/``."""
 
     pattern: str
     values: Mapping[str, ParameterValue]
     source: str = ""
-    """Name of the file, or argument, for warnings."""
+    """Name of the file, or text of the argument, that sets the values, for warnings."""
 
     def matches(self, fully_qualified_name: str) -> bool:
-        """Return True if the pattern matches: ``/*`` stands for one token of a name, ``/**`` for any number."""
+        """Return True if the pattern matches a node: ``/*`` stands for one part of its name, ``/**`` for any number."""
         if "*" not in self.pattern:
             return self.pattern == fully_qualified_name
         tokens = fully_qualified_name.split("/")[1:]
         ends = {0}
-        """Numbers of tokens that the pattern up to here may match. A regular expression could take exponential time."""
+        """Numbers of name parts that the pattern so far can match. A regular expression could take exponential time."""
         for part in self.pattern.split("/")[1:]:
             if part == "**":
                 ends = set(range(min(ends), len(tokens) + 1))
@@ -57,14 +57,14 @@ class ParameterOverrides:
 
 
 def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:
-    """Return the values for one node; later entries override earlier ones."""
+    """Return name -> initial value for one node; later entries override earlier ones."""
     matching = (entry.values for entry in entries if entry.matches(fully_qualified_name))
     return {name: value for values in matching for name, value in values.items()}
 
 
 @dataclass(slots=True, eq=False)
 class _OpenNode:
-    """Open node, registered with its scope, which closes it."""
+    """Open node whose use of initial values is observed; the node's scope closes the object with the node."""
 
     scope: EntityScope
     store: ParameterStore
@@ -77,12 +77,13 @@ class _OpenNode:
 
 @dataclass(slots=True, eq=False)
 class _OverrideSource:
-    """Values of one `-p`, the values of a file for one pattern, or the overrides of one node's constructor.
+    """Initial values of one origin: one `-p`, a file for one node key, or `parameter_overrides` of one node.
 
     Attributes:
+        parameters: the values, with their origin.
         nodes: open nodes that the values are for.
         has_matched: the values were for a node, which may be closed.
-        unused: values that were neither used nor reported.
+        unused: values that no node has used and no warning has reported.
     """
 
     parameters: ParameterOverrides
@@ -94,13 +95,13 @@ class _OverrideSource:
         self.unused = dict(self.parameters.values)
 
     def discard_used(self) -> None:
-        """Forget the values that nodes have used."""
+        """Remove the values that nodes have used from `unused`."""
         for node in self.nodes:
             for name in node.store.used_overrides & self.unused.keys():
                 del self.unused[name]
 
     def warn_unused(self) -> None:
-        """Report the unused values once."""
+        """Log a warning for each unused value, and forget it."""
         node_names = ", ".join(node.scope.node_name for node in self.nodes)
         declared = [name for node in self.nodes for name in node.store.values()]
         for name, value in self.unused.items():
@@ -122,7 +123,7 @@ class InitialValues:
         self._global_sources = [_OverrideSource(item) for item in parameters]
         self._sources = list(self._global_sources)
         self.node_names: list[str] = []
-        """Names of all nodes, including closed ones."""
+        """Fully qualified names of all nodes of the context so far, including closed ones."""
 
     def register_node(
         self,
@@ -134,7 +135,16 @@ class InitialValues:
         *,
         takes_global: bool,
     ) -> None:
-        """Register a node before it declares parameters; `own` and `arguments` are from its constructor."""
+        """Register a node before it declares parameters; initial values that it does not use are reported later.
+
+        Args:
+            scope: owner of the node's entities, which reports its closing.
+            store: parameters of the node.
+            own: values of the constructor's `parameter_overrides`.
+            arguments: values of the constructor's `cli_args`.
+            may_declare_more: returns True while it is too early for warnings.
+            takes_global: the values of the context's command line are for the node, too.
+        """
         own_sources = [_OverrideSource(item) for item in arguments]
         if own:
             own_sources.append(_OverrideSource(ParameterOverrides(scope.node_name, own, "parameter_overrides=")))
@@ -150,7 +160,7 @@ class InitialValues:
         scope.register(node)
 
     def close(self) -> None:
-        """Report files and arguments for nodes that never existed; called after all nodes are closed."""
+        """Log a warning for files and arguments whose nodes never existed; called after all nodes are closed."""
         by_text: dict[str, list[_OverrideSource]] = {}
         for source in self._sources if self.node_names else ():
             by_text.setdefault(source.parameters.source, []).append(source)
@@ -166,7 +176,7 @@ class InitialValues:
                 source.unused.clear()
 
     def on_listed(self, store: ParameterStore) -> None:
-        """Report unused values after a peer has requested the list of a node's parameters."""
+        """Log a warning for unused initial values of a node after a peer has requested the list of its parameters."""
         for source in self._sources:
             source.discard_used()
             listed = any(node.store is store for node in source.nodes)

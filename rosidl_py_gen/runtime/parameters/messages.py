@@ -1,6 +1,6 @@
 """Conversion of parameter values, descriptors and events to and from rcl_interfaces messages.
 
-A type number that does not exist becomes NOT_SET in a response of a peer, and an error in a request.
+An unknown type number becomes NOT_SET in a response of a peer, and an error in a request.
 Source: docs/internals/protocol.md 9.2.
 """
 
@@ -32,17 +32,17 @@ _UNSET = ParameterValue()
 _DEFAULTS = (0, False, 0, 0.0, "", *(np.zeros(0, kind) for kind in (np.uint8, np.bool_, np.int64, np.float64)))
 _SCALARS = ("bool", "integer", "double", "string")
 _MEMBERS = ("", *(f"{name}_value" for name in (*_SCALARS, "byte_array", *(f"{name}_array" for name in _SCALARS))))
-"""Name of the member for each type number."""
+"""Type number -> name of the field with the value in rcl_interfaces/ParameterValue."""
 _BYTE_ARRAY = 5
 
 
 def parameter_type(number: int) -> ParameterType:
-    """Return the type of a number; NOT_SET for numbers that do not exist."""
+    """Return the `ParameterType` with a number; NOT_SET for unknown numbers."""
     return _KINDS[number] if 0 <= number < len(_KINDS) else ParameterType.NOT_SET
 
 
 def value_to_message(value: ParameterValue) -> msg.ParameterValue:
-    """Set the member that `type` selects; the others have their defaults."""
+    """Convert a parameter value to a message, in which only the field of its type differs from the default."""
     number = int(value.type)
     members: list[Any] = [*_DEFAULTS, []]
     members[0] = number
@@ -57,7 +57,7 @@ def value_to_message(value: ParameterValue) -> msg.ParameterValue:
 
 
 def value_from_message(message: msg.ParameterValue) -> ParameterValue:
-    """Return the value that `type` selects."""
+    """Convert a message to a parameter value: the content of the field that the message's `type` selects."""
     number = message.type
     if not 0 < number < len(_KINDS):
         return _UNSET
@@ -69,14 +69,18 @@ def value_from_message(message: msg.ParameterValue) -> ParameterValue:
 
 
 def to_message(parameter: Parameter) -> msg.Parameter:
-    """Convert a parameter to a message."""
+    """Convert a parameter to a rcl_interfaces/Parameter."""
     return msg.Parameter(parameter.name, value_to_message(parameter.value))
 
 
 def requested_parameter(message: msg.Parameter) -> Parameter:
-    """Return the parameter of a set request; raises `InvalidParameterValueError` for an unknown type number.
+    """Convert a message of a request to set parameters to a parameter.
 
-    NOT_SET would undeclare the parameter. rclpy and rclcpp raise an error that ends the server.
+    Other conversions replace an unknown type number by NOT_SET, which would undeclare the parameter here. rclpy and
+    rclcpp raise an error that ends the server.
+
+    Raises:
+        InvalidParameterValueError: the type number is unknown.
     """
     number = message.value.type
     if number >= len(_KINDS):
@@ -85,12 +89,12 @@ def requested_parameter(message: msg.Parameter) -> Parameter:
 
 
 def from_message(message: msg.Parameter) -> Parameter:
-    """Convert a message to a parameter."""
+    """Convert a rcl_interfaces/Parameter to a parameter."""
     return Parameter(message.name, value_from_message(message.value))
 
 
 def descriptor_to_message(descriptor: ParameterDescriptor) -> msg.ParameterDescriptor:
-    """Convert a descriptor to a message, in which a range is a list of one element."""
+    """Convert a descriptor to a rcl_interfaces/ParameterDescriptor, in which a range is a list of one element."""
     floats, ints = descriptor.floating_point_range, descriptor.integer_range
     return msg.ParameterDescriptor(
         name=descriptor.name,
@@ -105,7 +109,7 @@ def descriptor_to_message(descriptor: ParameterDescriptor) -> msg.ParameterDescr
 
 
 def descriptor_from_message(message: msg.ParameterDescriptor) -> ParameterDescriptor:
-    """Convert a message to a descriptor."""
+    """Convert a rcl_interfaces/ParameterDescriptor to a descriptor."""
     floats = [FloatRange(r.from_value, r.to_value, r.step) for r in message.floating_point_range]
     ints = [IntRange(r.from_value, r.to_value, r.step) for r in message.integer_range]
     return ParameterDescriptor(
@@ -121,7 +125,7 @@ def descriptor_from_message(message: msg.ParameterDescriptor) -> ParameterDescri
 
 
 def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.ParameterEvent:
-    """Convert an event to a message; `node` is the fully qualified name."""
+    """Convert an event to a rcl_interfaces/ParameterEvent; `node` is the fully qualified name of the node."""
     sec, nanosec = sec_nanosec(stamp_ns)
     return msg.ParameterEvent(
         stamp=Time(sec=sec, nanosec=nanosec),
@@ -133,13 +137,13 @@ def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.Par
 
 
 def event_from_message(message: msg.ParameterEvent) -> ParameterEvent:
-    """Convert a message to an event, without node and stamp."""
+    """Convert a rcl_interfaces/ParameterEvent to an event, without the message's node and stamp."""
     lists = (message.new_parameters, message.changed_parameters, message.deleted_parameters)
     return ParameterEvent(*(tuple(map(from_message, parameters)) for parameters in lists))
 
 
 def result_to_message(result: SetResult) -> msg.SetParametersResult:
-    """Convert a result to a message; characters that cannot be encoded become ``?``."""
+    """Convert a result to a rcl_interfaces/SetParametersResult; characters that UTF-8 cannot encode become ``?``."""
     reason = result.reason
     if not reason.isascii():
         reason = reason.encode("utf-8", "replace").decode()
@@ -147,5 +151,5 @@ def result_to_message(result: SetResult) -> msg.SetParametersResult:
 
 
 def result_from_message(message: msg.SetParametersResult) -> SetResult:
-    """Convert a message to a result."""
+    """Convert a rcl_interfaces/SetParametersResult to a result."""
     return SetResult(message.successful, message.reason)

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
     """Publisher of one ParameterEvent for each atomic set and each declaration with a value.
 
-    The event is sent after the reply to the request that caused it, with the time of the change: publishing it first
-    would be a fifth of the time that the client waits.
+    The event has the time of the change, and is sent after the reply to the request that caused the change: publishing
+    the event first would make up a fifth of the time that the client waits.
     """
 
     def __init__(self, scope: EntityScope, names: NodeNames, clock: Clock) -> None:
@@ -51,7 +51,7 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
         scope.register(self._sender)
 
     def publish_event(self, event: ParameterEvent) -> None:
-        """Publish an event if there are subscriptions; the topic is volatile, so later ones do not receive it."""
+        """Publish an event if subscriptions exist; later subscriptions do not receive it (the topic is volatile)."""
         if event and self.has_subscriptions:
             self._sender.add((event, self._clock.now_ns()))
 
@@ -64,13 +64,13 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
 
 
 class ParameterService(NamedTuple):
-    """Parameter service of a node, for programs that serve it; from `Node.parameter_services`.
+    """Parameter service of a node as a function, for a program that serves it; from `Node.parameter_services`.
 
     Attributes:
-        name: such as ``get_parameters``; the node itself serves ``~/get_parameters``.
+        name: name such as ``get_parameters``; the node itself serves ``~/get_parameters``.
         srv_type: class of the service.
         handler: takes a request and returns the response, in any thread. Exceptions of parameter callbacks refuse the
-            set and are logged. Raises `ClosedError`.
+            set and are logged. Raises `ClosedError` if the node is closed.
     """
 
     name: str
@@ -82,7 +82,7 @@ class ParameterServices:
     """Handlers of the six parameter services of one node.
 
     Args:
-        on_listed: called on the loop's thread after a peer has requested the list of parameters.
+        on_listed: called on the thread of the event loop after a peer has requested the list of parameters.
     """
 
     def __init__(self, scope: EntityScope, store: ParameterStore, on_listed: Callable[[ParameterStore], None]) -> None:
@@ -99,13 +99,13 @@ class ParameterServices:
         ]
 
     def serve(self, names: NodeNames) -> None:
-        """Create the services; the node owns them."""
+        """Serve the six services until the node closes, which owns them."""
         for name, title, handler in self._table:
             service_type = lazy_service_type(f"rcl_interfaces/srv/{title}")
             ServiceServer(self._scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
 
     def handlers(self) -> list[ParameterService]:
-        """Return the services, for programs that serve them."""
+        """Return the six services as functions, for programs that serve them."""
         return [
             ParameterService(name, getattr(srv, title), self._while_open(handler))
             for name, title, handler in self._table
@@ -143,7 +143,7 @@ class ParameterServices:
         return srv.SetParametersAtomically_Response(result=self._set_all(request.parameters))
 
     def _set_all(self, parameters: Sequence[msg.Parameter]) -> msg.SetParametersResult:
-        """Set all parameters or none; errors of callbacks become a refusal, so that the client gets a reply."""
+        """Set all parameters of a request or none; an exception becomes a refusal, so that the client gets a reply."""
         try:
             return result_to_message(self._store.set_atomically([requested_parameter(item) for item in parameters]))
         except InvalidParameterValueError as error:

@@ -1,7 +1,7 @@
 """Parameters of one node, without I/O: declare, get, set, describe, list.
 
 Nothing is stored before all checks and callbacks have agreed. An integer is converted if a double is declared, in
-overrides and in sets; rclpy refuses it. Source: docs/internals/protocol.md 9.3, 9.4.
+overrides and in sets; rclpy refuses the integer. Source: docs/internals/protocol.md 9.3, 9.4.
 
 Thread: any. Sets and declarations exclude each other, including their checks, callbacks and event, but not the post-set
 callbacks. Readers never wait: each set replaces the dict of values.
@@ -55,15 +55,15 @@ class ParameterStore:
 
     Args:
         overrides: values from arguments, files and the constructor, which replace the defaults of declarations.
-        sources: file or argument of each override that is named if the value is refused.
-        allow_undeclared: setting an unknown name declares it, reading one returns NOT_SET.
+        sources: name of an override -> file or argument that sets it, which is named if the value is refused.
+        allow_undeclared: setting an unknown name declares it, reading an unknown name returns NOT_SET.
         on_event: called for each atomic set and each declaration, after the values are stored.
         on_failure: called with a description while the exception of a callback is handled; logs by default.
 
     Attributes:
         used_overrides: names of the overrides that a declaration has used.
         was_refused: an override was refused, which ends most programs before they declare other parameters.
-        lock: held during sets and declarations; hold it to combine several of them.
+        lock: locked during sets and declarations; lock it to combine several of them.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ParameterStore:
         self._on_failure = on_failure
         self.callbacks = SetCallbacks(on_failure)
         self._batch: list[tuple[ParameterEvent, Sequence[Parameter]]] | None = None
-        """Changes whose event and post-set callbacks wait for the end of `declare_batch`. Lock: lock."""
+        """Changes in a block of `declare_batch`, whose events and post-set calls follow at its end. Lock: lock."""
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
@@ -103,9 +103,18 @@ class ParameterStore:
     ) -> ParameterValue:
         """Declare one parameter and return its value: the override, or else the default.
 
-        The type comes from the descriptor, or else from the default; without either, the descriptor must have
-        `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then. Raises as
-        `Node.declare_parameter`.
+        The type of the parameter is the type in the descriptor, or else the type of the default; without either, the
+        descriptor must have `dynamic_typing`.
+
+        Args:
+            name: name of the parameter.
+            default: value if there is no override.
+            descriptor: descriptor; None: an empty one.
+            ignore_override: use the default even if there is an override.
+            optional: the parameter keeps its type when it has no value; unsetting it does not undeclare it.
+
+        Raises:
+            ParameterError, TypeError: as in `Node.declare_parameter`.
         """
         if reason := name_reason(name):
             raise InvalidParameterNameError(reason)
@@ -139,7 +148,7 @@ class ParameterStore:
 
     @contextlib.contextmanager
     def _naming_source(self, source: str) -> Iterator[None]:
-        """Add the source of an initial value, if there is one, to the error of a declaration that refuses it."""
+        """Add the source (file or argument) of a refused initial value, if it is known, to the error of a block."""
         try:
             yield
         except (InvalidParameterValueError, WrongParameterTypeError) as error:
@@ -150,9 +159,10 @@ class ParameterStore:
 
     @contextlib.contextmanager
     def declare_batch(self) -> Iterator[list[str]]:
-        """Combine the declarations of a block, whose names the caller adds to the list.
+        """Combine the declarations of a ``with`` block, whose names the caller appends to the list that the block gets.
 
-        Events and post-set calls follow at the end. If the block raises, the declarations are undone without any.
+        Events and post-set calls follow at the end of the block. If the block raises, the declarations are undone,
+        without events and calls.
         """
         declared: list[str] = []
         batch: list[tuple[ParameterEvent, Sequence[Parameter]]] = []
@@ -176,7 +186,12 @@ class ParameterStore:
                     calls.callback(self.callbacks.run_post_set, parameters)
 
     def _run_validation(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
-        """Run bound-object and on-set callbacks; raises `RefusedError` for their reasons, or for `reason`."""
+        """Call the on-set callbacks and the bound objects; return the last result, and functions to call after storing.
+
+        Raises:
+            RefusedError: `reason` is not empty, a callback refuses the parameters, or a validator tries to set
+                parameters.
+        """
         if reason:
             raise RefusedError(reason)
         if self.callbacks.preparing:
@@ -184,7 +199,7 @@ class ParameterStore:
         return self.callbacks.run_on_set(parameters)
 
     def _publish(self, event: ParameterEvent, parameters: Sequence[Parameter], commits: Iterable[Commit] = ()) -> bool:
-        """Publish a change, or add it to the batch. Lock: lock must be held.
+        """Publish the event of a change, or add the change to the batch of declarations. Lock: lock must be held.
 
         Returns:
             True if the caller must call the post-set callbacks, without the lock.
@@ -201,13 +216,18 @@ class ParameterStore:
         return True
 
     def declare_overrides(self) -> None:
-        """Declare every override that is not declared yet, with the type of its value if it has one."""
+        """Declare every override that is not declared yet, with the type of its value, else with dynamic typing."""
         for name, value in self.overrides.items():
             if name not in self._values:
                 self.declare(name, value, None if value.is_set else ParameterDescriptor(dynamic_typing=True))
 
     def undeclare(self, name: str) -> None:
-        """Remove a parameter without an event; raises `ParameterNotDeclaredError`, `ParameterImmutableError`."""
+        """Remove a parameter without an event.
+
+        Raises:
+            ParameterNotDeclaredError: the parameter is not declared.
+            ParameterImmutableError: the parameter is read-only.
+        """
         with self.lock:
             if name not in self._values:
                 raise ParameterNotDeclaredError([name])
@@ -222,9 +242,13 @@ class ParameterStore:
     # --------------------------------------------------------------------------------------------------- reading
 
     def get(self, name: str) -> ParameterValue:
-        """Return a value; NOT_SET with dynamic typing, and for undeclared names if those are allowed.
+        """Return the value of a parameter; NOT_SET if it has dynamic typing and no value.
 
-        Otherwise raises `ParameterNotDeclaredError`, or `ParameterUninitializedError` without a value.
+        The value is also NOT_SET for an undeclared name if the node allows undeclared parameters.
+
+        Raises:
+            ParameterNotDeclaredError: the parameter is not declared.
+            ParameterUninitializedError: the parameter has no value.
         """
         return self._value_in(self._values, name)
 
@@ -239,55 +263,71 @@ class ParameterStore:
         return value
 
     def get_values(self, names: Iterable[str]) -> list[ParameterValue]:
-        """Return several values, all of one moment, in the order of the names; raises as `get`."""
+        """Return the values of several parameters, read at one moment, in the order of the names.
+
+        Raises:
+            ParameterNotDeclaredError: a parameter is not declared.
+            ParameterUninitializedError: a parameter has no value.
+        """
         values = self._values
         return [self._value_in(values, name) for name in names]
 
     def get_all(self, names: Iterable[str]) -> list[ParameterValue]:
-        """Return the values for a get_parameters response: empty if one of the names has no value."""
+        """Return the values for a get_parameters response: an empty list if one of the names has no value."""
         try:
             return self.get_values(names)
         except (ParameterNotDeclaredError, ParameterUninitializedError):
             return []
 
     def get_or_unset(self, name: str) -> ParameterValue:
-        """Return a value, or NOT_SET; raises `ParameterNotDeclaredError` unless undeclared names are allowed."""
+        """Return the value of a parameter, or NOT_SET if it has none.
+
+        Raises:
+            ParameterNotDeclaredError: the parameter is not declared, and the node does not allow undeclared parameters.
+        """
         self._require(name)
         return self._values.get(name, NOT_SET)
 
     def types(self, names: Iterable[str]) -> list[ParameterType]:
-        """Return the types for a get_parameter_types response: empty if one of the names is not declared."""
+        """Return the types for a get_parameter_types response: an empty list if one of the names is not declared."""
         names, values = list(names), self._values
         return [] if self._missing(names) else [values.get(name, NOT_SET).type for name in names]
 
     def describe(self, name: str) -> ParameterDescriptor:
-        """Return a descriptor, empty for undeclared names if those are allowed; raises `ParameterNotDeclaredError`."""
+        """Return the descriptor of a parameter; an empty one for an undeclared name if the node allows undeclared ones.
+
+        Raises:
+            ParameterNotDeclaredError: the parameter is not declared.
+        """
         self._require(name)
         return self._descriptors.get(name) or ParameterDescriptor(name=name)
 
     def describe_all(self, names: Iterable[str]) -> list[ParameterDescriptor]:
-        """Return the descriptors for a describe_parameters response: empty if one of the names is not declared."""
+        """Return the descriptors for a describe_parameters response: an empty list if one name is not declared."""
         names = list(names)
         return [] if self._missing(names) else [self.describe(name) for name in names]
 
     def listing(self, prefixes: Sequence[str] = (), depth: int = 0) -> ListParametersResult:
-        """Return names and groups; depth 0 is unlimited."""
+        """Return the names and groups of parameters below prefixes (empty: all); depth 0 is unlimited."""
         return list_names(self._values, prefixes, depth)
 
     def values(self) -> dict[str, ParameterValue]:
-        """Return all declared names and values."""
+        """Return name -> value of all declared parameters; the value is NOT_SET for a parameter without a value."""
         return dict(self._values)
 
     # --------------------------------------------------------------------------------------------------- setting
 
     def set_individually(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> list[SetResult]:
-        """Set each parameter separately; a refused one does not affect the others."""
+        """Set each parameter separately, and return a result for each; a refused one does not affect the others."""
         return [self.set_atomically([parameter], require_declared=require_declared) for parameter in parameters]
 
     def set_atomically(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> SetResult:
-        """Set all parameters or none, with one event; the result has the reason of a refusal.
+        """Set all parameters or none, with one event; the result contains the reason of a refusal.
 
-        Raises as `Node.set_parameters_atomically`.
+        Raises:
+            ParameterNotDeclaredError: `require_declared`, and a parameter is not declared.
+            CallbackAnswerError: a callback returned an invalid result.
+            Exception: raised by a callback that was added with `raises`.
         """
         try:
             with self.lock:
@@ -309,7 +349,7 @@ class ParameterStore:
     def set_descriptor(
         self, name: str, descriptor: ParameterDescriptor, alternative: ParameterValue = NOT_SET
     ) -> ParameterValue:
-        """Implement `Node.set_descriptor`."""
+        """Replace the descriptor of a parameter, and return its value (see `Node.set_descriptor`)."""
         with self.lock:
             self._require(name)
             if name not in self._values:
@@ -336,7 +376,7 @@ class ParameterStore:
         return parameter.value
 
     def _report(self, refusal: RefusedError) -> None:
-        """Report the exception of the callback, not the `RefusedError` around it."""
+        """Report the exception of a callback that caused a refusal, instead of the `RefusedError` around it."""
         try:
             raise refusal.__cause__ or refusal
         except Exception:
@@ -350,7 +390,7 @@ class ParameterStore:
         return Parameter(name, widened(value, described.type))
 
     def _reason(self, parameters: Sequence[Parameter]) -> str:
-        """Return the reason why the parameters cannot be set, or an empty text."""
+        """Return the reason why the parameters cannot be set; "" if they can."""
         missing = self._missing([parameter.name for parameter in parameters])
         if missing:
             return str(ParameterNotDeclaredError(missing))

@@ -1,7 +1,7 @@
 """Validation of names, descriptors and values of parameters, and listings of names; pure functions.
 
-`…_reason` functions return the reason against a value, or an empty text. Reasons against setting a value are sent to
-other nodes, and equal rclpy literally. Source: docs/internals/protocol.md 9.3, 9.4.
+Functions with names ``…_reason`` return the reason against a value, or "". Reasons against setting a value are sent to
+other nodes, and equal the texts of rclpy literally. Source: docs/internals/protocol.md 9.3, 9.4.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NumberT = TypeVar("NumberT", int, float, covariant=True)
 SEPARATOR = "."
 DEPTH_RECURSIVE = 0
 RELATIVE_TOLERANCE = 1e-6
-"""Relative distance at which a double counts as equal to a limit or a step."""
+"""Relative distance up to which a double counts as equal to an end or step of a range."""
 UNDECLARED_REASON = "Static parameter cannot be undeclared"
 EMPTY_LIST_REASON = (
     "parameter list cannot be empty, this might be due to "
@@ -43,7 +43,13 @@ EMPTY_LIST_REASON = (
 
 
 def refusal_reason(parameter: Parameter, descriptor: ParameterDescriptor, *, declaring: bool = False) -> str:
-    """Return the reason why a value does not fit a descriptor. A read-only parameter may be declared."""
+    """Return the reason why a parameter cannot be set, by its descriptor; "" if it can.
+
+    Args:
+        parameter: name and new value.
+        descriptor: declared type, range and others.
+        declaring: the value is of a declaration, so a read-only parameter may be set, and may have no value.
+    """
     name, value = parameter.name, parameter.value
     if descriptor.read_only and not declaring:
         return read_only_reason(name)
@@ -62,17 +68,17 @@ def refusal_reason(parameter: Parameter, descriptor: ParameterDescriptor, *, dec
 
 
 def read_only_reason(name: str) -> str:
-    """Return the reason against setting a parameter that is read-only."""
+    """Return the reason for refusing to set a read-only parameter, with the text of rclpy."""
     return f"Trying to set a read-only parameter: {name}."
 
 
 def type_reason(expected: str, found: str) -> str:
-    """Return the reason against a value of another type."""
+    """Return the reason for refusing a value of another type, with the text of rclpy."""
     return f"Wrong parameter type, expected 'Type.{expected}' got 'Type.{found}'"
 
 
 class _Range(Protocol[NumberT]):
-    """Range of this package, or of rcl_interfaces."""
+    """Range of numbers: a class of this package, or a message of rcl_interfaces."""
 
     @property
     def from_value(self) -> NumberT: ...
@@ -83,7 +89,7 @@ class _Range(Protocol[NumberT]):
 
 
 def integer_range_reason(name: str, value: int, allowed: _Range[int]) -> str:
-    """Return a reason unless the value is an end of the range, or inside it on a step from the lower end."""
+    """Return the reason why an integer is not in a range; "" if it is an end of the range, or a step inside it."""
     low, high = min(allowed.from_value, allowed.to_value), max(allowed.from_value, allowed.to_value)
     if value in (low, high):
         return ""
@@ -98,7 +104,7 @@ def integer_range_reason(name: str, value: int, allowed: _Range[int]) -> str:
 
 
 def float_range_reason(name: str, value: float, allowed: _Range[float]) -> str:
-    """Return a reason if a double is outside of its range, with a tolerance of 1e-6 at the ends and steps.
+    """Return the reason why a double is not in a range; "" if it is, with a tolerance of 1e-6 at the ends and steps.
 
     All values are on a step if steps cannot be counted: they are too small, or the range has no lower end.
     """
@@ -119,14 +125,14 @@ def float_range_reason(name: str, value: float, allowed: _Range[float]) -> str:
 
 
 def name_reason(name: object) -> str:
-    """Return the reason why a parameter cannot have this name."""
+    """Return the reason why a parameter cannot have a name; "" if it can."""
     if isinstance(name, str) and name and (name.isascii() or name.encode("utf-8", "ignore").decode() == name):
         return ""
     return f"the name of a parameter must be a str that is not empty, got {name!r}"
 
 
 def range_reason(allowed: FloatRange | IntRange | None) -> str:
-    """Return the reason why a range is invalid or cannot be sent."""
+    """Return the reason why the range of a descriptor is invalid or cannot be sent; "" if it can, or is None."""
     if allowed is None:
         return ""
     numbers = (allowed.from_value, allowed.to_value, allowed.step)
@@ -158,7 +164,13 @@ class ListParametersResult:
 
 
 def list_names(names: Iterable[str], prefixes: Sequence[str], depth: int) -> ListParametersResult:
-    """Select the names for prefixes and a depth, of which 0 is unlimited; docs/internals/protocol.md 9.3."""
+    """Return the names, with their groups, that a list_parameters request selects (docs/internals/protocol.md 9.3).
+
+    Args:
+        names: names of all parameters.
+        prefixes: groups whose parameters are selected; empty: all parameters.
+        depth: maximum number of parts of a name below the prefix; 0 is unlimited.
+    """
     selected = tuple(name for name in names if _is_listed(name, prefixes, depth))
     groups = dict.fromkeys(name.rpartition(SEPARATOR)[0] for name in selected if SEPARATOR in name)
     return ListParametersResult(selected, tuple(groups))
@@ -183,7 +195,12 @@ def _descriptor_types() -> dict[str, Any]:
 
 
 def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterDescriptor:
-    """Return the descriptor with the name of its parameter; raises `TypeError`, `InvalidParameterValueError`."""
+    """Return the descriptor of a parameter with the parameter's name in it.
+
+    Raises:
+        TypeError: the descriptor, or one of its fields, has the wrong type.
+        InvalidParameterValueError: a range is invalid.
+    """
     if not isinstance(descriptor, ParameterDescriptor):
         raise TypeError(f"parameter {name!r}: the descriptor must be a ParameterDescriptor, got {descriptor!r}")
     for attribute, kind in _descriptor_types().items():
@@ -199,7 +216,13 @@ def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterD
 def declared_descriptor(
     name: str, default: ParameterValue, descriptor: ParameterDescriptor | None
 ) -> ParameterDescriptor:
-    """Return the descriptor of a declaration; if it has no type, it gets the type of the default."""
+    """Return the descriptor of a declared parameter; if it has no type, it gets the type of the default.
+
+    Raises:
+        TypeError: the descriptor, or one of its fields, has the wrong type.
+        InvalidParameterValueError: a range is invalid, or there is no type.
+        WrongParameterTypeError: the default has another type than the descriptor.
+    """
     descriptor = checked_descriptor(name, descriptor or ParameterDescriptor())
     default = coerce_empty_list(default, descriptor)
     if descriptor.dynamic_typing:
@@ -217,10 +240,23 @@ def declared_descriptor(
 def apply_descriptor(
     before: ParameterDescriptor, value: ParameterValue, descriptor: ParameterDescriptor, alternative: ParameterValue
 ) -> tuple[ParameterDescriptor, Parameter, str]:
-    """Apply another descriptor; return the descriptor, the parameter, and the reason why that is impossible.
+    """Apply a new descriptor to a parameter, without storing anything.
 
-    The value is retained if it fits, else replaced by the alternative, if that is set. A descriptor without a type gets
-    the type of the parameter. Raises as `checked_descriptor`.
+    The value is retained if it fits, else replaced by the alternative, if there is one. A descriptor without a type
+    gets the type of the parameter.
+
+    Args:
+        before: current descriptor.
+        value: current value.
+        descriptor: new descriptor.
+        alternative: new value if the current value does not fit; NOT_SET if there is none.
+
+    Returns:
+        new descriptor, parameter with its new value, and the reason why they do not fit, or "".
+
+    Raises:
+        TypeError: the descriptor, or one of its fields, has the wrong type.
+        InvalidParameterValueError: a range is invalid.
     """
     descriptor = checked_descriptor(before.name, descriptor)
     if descriptor.type is ParameterType.NOT_SET and not descriptor.dynamic_typing:
@@ -238,7 +274,7 @@ def apply_descriptor(
 
 
 def coerce_empty_list(value: ParameterValue, descriptor: ParameterDescriptor) -> ParameterValue:
-    """Convert an empty list, whose type is unknown in YAML and Python, to the declared array type."""
+    """Return an empty list, whose type is unknown in YAML and Python, with the declared array type; others as is."""
     if descriptor.type.is_array and value.type.is_array and not value.value:
         return parameter_value((), descriptor.type)
     return value

@@ -21,7 +21,7 @@ INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 
 
 class ParameterType(IntEnum):
-    """Numbers of rcl_interfaces/ParameterType."""
+    """Type of a parameter, with the numbers of rcl_interfaces/ParameterType."""
 
     NOT_SET = 0
     BOOL = 1
@@ -41,18 +41,18 @@ class ParameterType(IntEnum):
 
 
 class ParameterError(RosidlError):
-    """Base class of errors of parameters."""
+    """Base class of errors about parameters."""
 
     source: str = ""
-    """File or argument of the refused initial value; empty for other errors."""
+    """File or argument that sets the refused initial value; "" for other errors."""
 
 
 class InvalidParameterNameError(ParameterError, ValueError):
-    """Raised for an invalid name of a parameter."""
+    """Raised if a parameter cannot have a name."""
 
 
 class InvalidParameterValueError(ParameterError, ValueError):
-    """Raised for an object that is not a parameter value, or that the node refused; the text has the reason."""
+    """Raised for an object that cannot be a parameter value, or that the node refuses; the text has the reason."""
 
 
 class ParameterAlreadyDeclaredError(ParameterError):
@@ -63,8 +63,8 @@ class ParameterNotDeclaredError(ParameterError, LookupError):
     """Raised for undeclared parameters.
 
     Attributes:
-        names: the undeclared parameters; for a remote `node` all that were requested, because its response does not
-            tell which of them is undeclared or has no value.
+        names: the undeclared parameters; for a remote node all requested parameters, because its response does not
+            contain which of them is undeclared or has no value.
     """
 
     def __init__(self, names: Sequence[str], node: str = "") -> None:
@@ -92,36 +92,36 @@ class WrongParameterTypeError(ParameterError, TypeError):
 
 
 class ParameterValue(NamedTuple):  # a frozen dataclass would slow down every set
-    """Value with its type; `parameter_value` creates one and checks that they fit."""
+    """Value of a parameter with its type; `parameter_value` creates one from a Python value, and checks it."""
 
     type: ParameterType = ParameterType.NOT_SET
     value: PythonValue = None
 
     @property
     def is_set(self) -> bool:
-        """True unless the type is NOT_SET."""
+        """True if there is a value; False for type NOT_SET."""
         return self.type is not ParameterType.NOT_SET
 
 
 class Parameter(NamedTuple):
-    """Name with a value."""
+    """Name of a parameter with a value."""
 
     name: str
     value: ParameterValue = ParameterValue()
 
 
 ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
-"""Names with values, or `Parameter` objects."""
+"""Parameters to set: a dict of names and values, or `Parameter` objects."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterEvent:
-    """Changes of one set or declaration.
+    """Changes of parameters by one set or declaration.
 
     Attributes:
         new: parameters that had no value before.
         changed: parameters that had a value before, even an equal one.
-        deleted: parameters that have no value after it.
+        deleted: parameters that have no value afterwards.
     """
 
     new: tuple[Parameter, ...] = ()
@@ -133,7 +133,7 @@ class ParameterEvent:
         return bool(self.new or self.changed or self.deleted)
 
     def without(self, names: Iterable[str]) -> ParameterEvent:
-        """Return a copy without these parameters."""
+        """Return a copy of the event without the parameters of these names."""
         removed = frozenset(names)
         fields = (self.new, self.changed, self.deleted)
         return ParameterEvent(*(tuple(item for item in items if item.name not in removed) for items in fields))
@@ -141,7 +141,12 @@ class ParameterEvent:
 
 @dataclass(frozen=True, slots=True)
 class SetResult:
-    """Result of one set; `reason` is empty on success unless a callback returns one."""
+    """Result of setting one parameter, or several atomically.
+
+    Attributes:
+        successful: the values are set.
+        reason: reason of a refusal; on success empty unless a callback returned a text.
+    """
 
     successful: bool
     reason: str = ""
@@ -149,7 +154,7 @@ class SetResult:
 
 @dataclass(frozen=True, slots=True)
 class FloatRange:
-    """Allowed values of a DOUBLE; `step` 0 allows all values in the range."""
+    """Allowed values of a parameter of type DOUBLE; `step` 0 allows all values in the range."""
 
     from_value: float
     to_value: float
@@ -158,7 +163,7 @@ class FloatRange:
 
 @dataclass(frozen=True, slots=True)
 class IntRange:
-    """Allowed values of an INTEGER; `step` 0 allows all values in the range."""
+    """Allowed values of a parameter of type INTEGER; `step` 0 allows all values in the range."""
 
     from_value: int
     to_value: int
@@ -167,7 +172,7 @@ class IntRange:
 
 @dataclass(frozen=True, slots=True)
 class ParameterDescriptor:
-    """Description of a parameter; fields of rcl_interfaces/ParameterDescriptor."""
+    """Description of a parameter, with the fields of rcl_interfaces/ParameterDescriptor."""
 
     name: str = ""
     type: ParameterType = ParameterType.NOT_SET
@@ -220,9 +225,13 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
 
 
 def widened(value: ParameterValue, kind: ParameterType) -> ParameterValue:
-    """Convert integers to doubles, if doubles are declared and represent them exactly.
+    """Return a value with its integers converted to doubles, if doubles are declared and represent them exactly.
 
     ``speed: 2`` in a file, ``-p speed:=2`` and most programs mean 2.0. Doubles are never converted to integers.
+
+    Args:
+        value: value, which is returned unchanged if nothing is converted.
+        kind: declared type.
     """
     plain = value.value
     if kind is ParameterType.DOUBLE and value.type is ParameterType.INTEGER:
@@ -235,7 +244,12 @@ def widened(value: ParameterValue, kind: ParameterType) -> ParameterValue:
 
 
 def as_parameters(values: ParametersToSet) -> list[Parameter]:
-    """Return a list of checked parameters; raises `TypeError`, `InvalidParameterValueError`."""
+    """Return a list of parameters from a dict of names and values, or from `Parameter` objects, which are checked.
+
+    Raises:
+        TypeError: the argument is neither, or a name is not a string.
+        InvalidParameterValueError: an object cannot be a parameter value.
+    """
     if isinstance(values, Mapping):
         return [_parameter(name, value) for name, value in values.items()]
     if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
@@ -244,7 +258,12 @@ def as_parameters(values: ParametersToSet) -> list[Parameter]:
 
 
 def checked_parameter(item: object) -> Parameter:
-    """Return a parameter whose type and value fit; raises `TypeError`, `InvalidParameterValueError`."""
+    """Return a `Parameter` whose type is inferred again from its value.
+
+    Raises:
+        TypeError: the object is not a `Parameter` with a `ParameterValue`, or its name is not a string.
+        InvalidParameterValueError: value and type do not fit each other.
+    """
     if not isinstance(item, Parameter):
         raise TypeError(f"expected Parameter objects or a dict of names and values, got {item!r}")
     if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):
@@ -260,26 +279,38 @@ def _parameter(name: object, value: object) -> Parameter:
 
 
 def require_name(name: object, subject: str = "the name of a parameter") -> str:
-    """Return a name; raises `TypeError` if it is not a str."""
+    """Return a name, which must be a string.
+
+    Raises:
+        TypeError: the object is not a string; the text contains `subject`.
+    """
     if not isinstance(name, str):
         raise TypeError(f"{subject} must be a str, got {name!r} of type {type(name).__name__}")
     return name
 
 
 def require_names(names: object, subject: str = "names of parameters") -> list[str]:
-    """Return a list of names; raises `TypeError` for anything else, a single str included."""
+    """Return a list of names, which must not be a single string.
+
+    Raises:
+        TypeError: the object is not an iterable of strings.
+    """
     if isinstance(names, (str, bytes)) or not isinstance(names, Iterable):
         raise TypeError(f"{subject} must be a list of str, got {names!r}")
     return [require_name(name) for name in names]
 
 
 def as_names(names: str | Sequence[str], subject: str = "names of parameters") -> list[str]:
-    """Return a list of one or several names; raises `TypeError`."""
+    """Return a list of names from a single name or several names.
+
+    Raises:
+        TypeError: the object is neither a string nor an iterable of strings.
+    """
     return require_names([names] if isinstance(names, str) else names, subject)
 
 
 def _plain(value: object) -> object:
-    """Replace numpy and array.array values by plain ones, sequences by tuples."""
+    """Return a value with numpy and `array.array` objects replaced by plain ones, and sequences by tuples."""
     if type(value) in (str, int):
         return value
     if isinstance(value, (bytes, bytearray, memoryview)):

@@ -1,1 +1,1 @@
-"""Message types of other nodes: what they announce, and the service ``~/get_type_description``."""
+"""Message types of other nodes: search by the announcements of nodes, and the service ``~/get_type_description``."""

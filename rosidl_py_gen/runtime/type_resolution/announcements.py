@@ -1,8 +1,8 @@
 """Queries for the type of a topic, service or action (`TypeQuery`), and the announcements of nodes about it.
 
 A service is announced as its request and response, an action as the messages of its two services and its feedback. The
-hash of a service itself is announced on Zenoh only, instead of the hashes of its messages; the hash of an action
-nowhere.
+hash of a service itself is announced on Zenoh only, instead of the hashes of its messages. The hash of an action is
+never announced.
 """
 
 from __future__ import annotations
@@ -29,14 +29,17 @@ _MAX_LISTED = 5
 
 @dataclass(frozen=True, slots=True)
 class TypeQuery:
-    """Topic, service or action whose type is searched for. Message types are given by the suffix of the type's name.
+    """Topic, service or action whose type is searched for.
+
+    Message types are given by the part of their name that follows the type's name, such as ``_Request`` (the suffix).
 
     Attributes:
         kind: ``topic``, ``service`` or ``action``.
-        name: fully qualified.
+        name: fully qualified name.
         required: topics that must exist -> suffix of their message type.
         optional: topics that may exist -> suffix of their message type.
-        messages: suffix of each section of the type -> suffixes of the announced messages that contain it, best first.
+        messages: suffix of each section of the type -> suffixes of the announced messages that contain the section,
+            best first.
     """
 
     kind: str
@@ -52,7 +55,12 @@ def topic_query(name: str) -> TypeQuery:
 
 
 def service_query(name: str, prefix: str = "") -> TypeQuery:
-    """Return the query for the type of a service; `prefix` precedes all suffixes, for services of actions."""
+    """Return the query for the type of a service, given by its fully qualified name.
+
+    Args:
+        name: name of the service.
+        prefix: precedes all suffixes of message types, such as ``_SendGoal`` for a service of an action.
+    """
     required = {TopicKey("request", name): f"{prefix}_Request", TopicKey("reply", name): f"{prefix}_Response"}
     # A ROS 2 node describes neither request nor response, but the events that it publishes for introspection.
     messages = {suffix: (prefix, f"{prefix}_Event", suffix) for suffix in required.values()}
@@ -61,7 +69,7 @@ def service_query(name: str, prefix: str = "") -> TypeQuery:
 
 
 def action_query(name: str, send_goal: str, get_result: str, feedback: str) -> TypeQuery:
-    """Return the query for the type of an action, given by the names of the action, its services and its topic."""
+    """Return the query for the type of an action, given by the full names of action, services and feedback topic."""
     goal, result = service_query(send_goal, "_SendGoal"), service_query(get_result, "_GetResult")
     messages: dict[str, tuple[str, ...]] = {
         "_Goal": ("_SendGoal", "_SendGoal_Event", "_SendGoal_Request"),
@@ -74,38 +82,39 @@ def action_query(name: str, send_goal: str, get_result: str, feedback: str) -> T
 
 @dataclass(slots=True)
 class TypeAnnouncement:
-    """Announcements of all messages of one type.
+    """Announcements of one type: hashes of its messages, and the nodes that announce them.
 
     Attributes:
-        hashes: message -> hash, "" without one -> the nodes that announce it, "" for unknown names.
+        type_name: name of the topic's, service's or action's type.
+        hashes: message type -> hash ("" if none is announced) -> names of the announcing nodes ("" if unknown).
     """
 
     type_name: str
     hashes: dict[str, dict[str, set[str]]] = field(default_factory=dict)
 
     def nodes_by_hash(self, suffix: str) -> dict[str, set[str]]:
-        """Return the nodes that announce each hash of a message."""
+        """Return hash -> names of the nodes that announce it, for the message with a suffix such as ``_Request``."""
         by_hash = self.hashes.get(self.type_name + suffix, {})
         return {text: nodes for text, nodes in by_hash.items() if text}
 
     def has_hashes(self) -> bool:
-        """Return True if any hash is announced."""
+        """Return True if a hash of any message of the type is announced."""
         return any(text for by_hash in self.hashes.values() for text in by_hash)
 
     def is_ambiguous(self) -> bool:
-        """Return True if several hashes are announced for one message."""
+        """Return True if several hashes are announced for one message of the type."""
         return any(len([text for text in by_hash if text]) > 1 for by_hash in self.hashes.values())
 
     def nodes(self) -> set[str]:
-        """Return all announcing nodes whose names are known."""
+        """Return the names of all nodes that announce the type, as far as names are known."""
         return {node for by_hash in self.hashes.values() for nodes in by_hash.values() for node in nodes} - {""}
 
     def has_unnamed(self) -> bool:
-        """Return True if a node whose name is not known (yet) announces something."""
+        """Return True if a node whose name is not known (yet) announces the type."""
         return any("" in nodes for by_hash in self.hashes.values() for nodes in by_hash.values())
 
     def lines(self) -> list[str]:
-        """Return the announcements as text."""
+        """Return the announcements as lines of text: message type, hash and nodes."""
         lines = []
         for name, by_hash in sorted(self.hashes.items()):
             for text, nodes in sorted(by_hash.items()):
@@ -115,7 +124,7 @@ class TypeAnnouncement:
 
 
 def provider_participants(graph: Graph, query: TypeQuery) -> Collection[bytes]:
-    """Return the GUIDs of the participants that publish the topic, or serve the service or action."""
+    """Return the GUIDs of the participants that publish the topic, or serve the service or action, of a query."""
     return {
         endpoint.participant_guid
         for topic_key in query.required
@@ -125,7 +134,7 @@ def provider_participants(graph: Graph, query: TypeQuery) -> Collection[bytes]:
 
 
 def participants_of(graph: Graph, query: TypeQuery) -> Collection[bytes]:
-    """Return the GUIDs of all participants that announce the type."""
+    """Return the GUIDs of all participants with an endpoint of a query's topic, service or action."""
     return {
         endpoint.participant_guid
         for topic_key in query.required
@@ -135,9 +144,14 @@ def participants_of(graph: Graph, query: TypeQuery) -> Collection[bytes]:
 
 
 def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
-    """Return type name -> announcements, of all participants or the given ones.
+    """Return type name -> announcements of that type for the topic, service or action of a query.
 
-    A type that is not a ROS type has its name in DDS.
+    A type that is not a ROS type has its DDS type name.
+
+    Args:
+        graph: discovered endpoints.
+        query: topic, service or action.
+        participants: GUIDs of the participants whose announcements count; empty: all participants.
     """
     announcements: dict[str, TypeAnnouncement] = {}
     for topic_key, suffix in (*query.required.items(), *query.optional.items()):
@@ -154,12 +168,12 @@ def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = 
 
 
 def is_complete(announcement: TypeAnnouncement, query: TypeQuery) -> bool:
-    """Return True if all required messages are announced."""
+    """Return True if all messages that a query requires are announced."""
     return all(announcement.type_name + suffix in announcement.hashes for suffix in query.required.values())
 
 
 def join_truncated(texts: Iterable[str]) -> str:
-    """Join texts, but not more than five, because peers determine their number."""
+    """Join texts with commas, but at most five: peers determine how many there are."""
     items = list(texts)
     return ", ".join(items[:_MAX_LISTED]) + (f" and {len(items) - _MAX_LISTED} more" if items[_MAX_LISTED:] else "")
 
@@ -169,10 +183,10 @@ def _valid(type_hash: str) -> str:
 
 
 def node_name_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
-    """Return the name of an endpoint's node, or "".
+    """Return the fully qualified name of an endpoint's node; "" if it is unknown.
 
     With Fast DDS the name may arrive seconds after the endpoint. But if only one node of the participant serves type
-    descriptions, the endpoint is assumed to be that node's.
+    descriptions, the endpoint is assumed to belong to that node.
     """
     if graph.has_named_node(endpoint):
         namespace, name = graph.node_of(endpoint)

@@ -1,8 +1,9 @@
 """Service ``~/get_type_description``, with which a node describes the types of its endpoints, services and actions.
 
-The server reports each failure with one of the texts of docs/internals/protocol.md 9.8. Sources are searched for in the
-bundled interfaces and below AMENT_PREFIX_PATH; if there is no file, or with other contents, the source is empty. A
-client without hash uses the hash that the node itself announces, never the hash of a local definition.
+The server reports each failure with one of the texts of docs/internals/protocol.md 9.8. The server searches for the
+sources of types (definition files) in the bundled interfaces and below AMENT_PREFIX_PATH; a source is empty if there is
+no file, or if the file has another definition. A client without hash uses the hash that the node itself announces,
+never the hash of a local definition.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ if TYPE_CHECKING:
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 ENDPOINTS_TIMEOUT_S = 1.0
-"""Time until a node's endpoints are discovered; usually some milliseconds after its name, or before."""
+"""Maximum time to wait for the endpoints of a discovered node; they usually arrive some milliseconds after its name."""
 _RETRY_DELAY_S = 1.0
-"""Time without a reply after which the request is repeated."""
+"""Time without a reply after which a request for a type description is repeated."""
 _SENT_POLL_INTERVAL_S = 0.02
 _HINTS = {
     "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
@@ -55,13 +56,19 @@ _HINTS = {
 
 
 class TypeDescriptionError(RosidlError, LookupError):
-    """The remote node cannot describe the type, or could not be asked; the text contains the reason."""
+    """Raised if a remote node does not describe a type, or could not be asked; the text contains the reason."""
 
 
 async def announced_hash(
     scope: EntityScope, node: str, type_name: str, timeout_s: float | None
 ) -> tuple[str, float | None]:
-    """Return the only hash that ``/ns/node`` announces for a type, and the rest of `timeout_s`.
+    """Return the type hash that a node announces for a type, and the rest of `timeout_s`.
+
+    Args:
+        scope: owner of the entities of the calling node.
+        node: fully qualified name of the other node.
+        type_name: message type of endpoints, such as ``std_msgs/msg/String``.
+        timeout_s: time to wait for the node; None waits forever.
 
     Raises:
         TypeDescriptionError: the node announces no hash, or several.
@@ -109,7 +116,7 @@ async def request_type_description(
     include_sources: bool,
     timeout_s: float | None,
 ) -> bytes:
-    """Call ``get_type_description`` of a node; the response remains encoded, because it may be large.
+    """Call ``get_type_description`` of a node, and return the encoded response, which may be large.
 
     Raises:
         CallTimeoutError: the service does not exist, or did not reply in time.
@@ -131,7 +138,10 @@ async def request_type_description(
 async def _call_with_retry(
     scope: EntityScope, client: Client[srv.GetTypeDescription_Request, bytes], request: Any, timeout_s: float | None
 ) -> bytes:
-    """Return the first response; Fast DDS drops it for an unknown client (docs/internals/parity.md)."""
+    """Call a service, repeat the call if no response arrives, and return the first response.
+
+    Fast DDS drops the response to a client that it does not know yet (docs/internals/parity.md).
+    """
     calls = [asyncio.ensure_future(client.call(request, timeout_s))]
 
     def is_sent() -> bool:
@@ -150,7 +160,11 @@ async def _call_with_retry(
 
 
 def decode_description(node: str, data: bytes) -> srv.GetTypeDescription_Response:
-    """Decode a response of `request_type_description`; raises `TypeDescriptionError` with the node's reason."""
+    """Decode a response of `request_type_description`.
+
+    Raises:
+        TypeDescriptionError: the node reports that it cannot describe the type; the text contains the node's reason.
+    """
     response = srv.GetTypeDescription_Response.decode(data)
     if not response.successful:
         raise TypeDescriptionError(f"{node}: {printable(response.failure_reason[:500])}")
@@ -160,14 +174,14 @@ def decode_description(node: str, data: bytes) -> srv.GetTypeDescription_Respons
 PARAMETER = "start_type_description_service"
 _BUNDLED = "rosidl_py_gen.msgs"
 _MAX_NAME_CHARS = 200
-"""Maximum length of a type name of a request in the log; names of DDS have at most 255 characters."""
+"""Maximum length of a type name that a log entry quotes from a request; names of DDS have at most 255 characters."""
 _MEMORY = "rosidl_py_gen_memory."
-"""Package of the classes that are compiled at run time."""
+"""Prefix of the modules of classes that were compiled at run time."""
 _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
 
 
 def start_type_descriptions(scope: EntityScope, names: NodeNames, store: ParameterStore) -> None:
-    """Declare the parameter that can switch the service off, and serve until the node closes if it is on."""
+    """Declare the parameter `start_type_description_service`, and serve type descriptions of a node if it is true."""
     if not store.has(PARAMETER):
         description = "If enabled, start the ~/get_type_description service."
         descriptor = ParameterDescriptor(PARAMETER, ParameterType.BOOL, description, read_only=True)
@@ -204,7 +218,11 @@ def _describe(scope: EntityScope, request: srv.GetTypeDescription_Request) -> sr
 
 
 def _find_class(scope: EntityScope, wanted_hash: str) -> type[Any] | None:
-    """Return the class of a type in use; raises `TypeNotFoundError` if a type in use has no class."""
+    """Return the class of the type with a hash if a node uses the type; None if the node does not use it.
+
+    Raises:
+        TypeNotFoundError: the node announces the type, but has no class for it.
+    """
     for name, endpoint_hash in _endpoint_types(scope):
         if endpoint_hash == wanted_hash:
             return _load_class(name, wanted_hash)
@@ -220,7 +238,7 @@ def _find_class(scope: EntityScope, wanted_hash: str) -> type[Any] | None:
 
 
 def _endpoint_types(scope: EntityScope) -> Iterator[tuple[str, str]]:
-    """Yield name and hash of the message type of each endpoint of this node, as announced."""
+    """Yield the announced name and hash of the message type of each endpoint of a node."""
     discovery, graph = scope.discovery, scope.graph
     discovery.refresh()
     for guid in discovery.endpoints_of(scope.number):
@@ -234,7 +252,7 @@ def _failure(reason: str) -> srv.GetTypeDescription_Response:
 
 
 def _is_described(cls: type[Any]) -> bool:
-    """Return False for a class that only forwards bytes: its hash is not the hash of its own description."""
+    """Return False for a class that only forwards bytes, whose description has another hash than the type."""
     return rihs01(type_description(cls)) == type_hash(cls)
 
 
@@ -250,16 +268,18 @@ def _load_class(name: str, wanted_hash: str) -> type[Any]:
 
 
 def _sources(cls: type[Any]) -> list[msg.TypeSource]:
-    """Return the source of the type, then the sources of the types it refers to, sorted by name."""
+    """Return the source (definition file) of a type, then the sources of the types it refers to, sorted by name."""
     top = type_name(cls)
     classes = referenced_classes(cls)
     return [type_source(name, classes[name]) for name in (top, *sorted(set(classes) - {top}))]
 
 
 def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
-    """Return the definition file of ``pkg/msg/Name``; derived types have none.
+    """Return the source (definition file) of a type; empty if the type is derived from another file, or has no file.
 
-    `cls` selects one of several definitions with that name.
+    Args:
+        name: name of the type, such as ``pkg/msg/Name``.
+        cls: class of the type, which selects one of several definitions with that name.
     """
     package, kind, stem = name.split("/")
     for folder in _interface_folders(package, cls):
@@ -281,7 +301,7 @@ def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
 
 
 def _is_from_file(name: str, cls: type[Any] | None) -> bool:
-    """Return False for a class that was compiled from a text that differs from the file of that name."""
+    """Return False if a class was compiled from a definition that differs from the definition file of its name."""
     if cls is None or not cls.__module__.startswith(_MEMORY):
         return True
     import rosidl_py_gen

@@ -1,10 +1,10 @@
 """Search for the class of a type that other nodes announce.
 
-The order is: a local class with the announced hash, the cache on disk, one of the announcing nodes. A description is
-used only if its hash is the announced one. Slow steps run in a thread.
+The order of the search is: a local class with the announced hash, the cache on disk, one of the announcing nodes. A
+description is used only if its hash is the announced one. Slow steps run in a thread.
 
 Nodes of ROS 2 Humble announce no hash. Then the class is found by the type's name, with the definitions of Humble if
-all publishers or servers are of Humble.
+all publishers or servers are nodes of Humble.
 """
 
 from __future__ import annotations
@@ -55,14 +55,15 @@ if TYPE_CHECKING:
     from rosidl_py_gen.type_loading.class_lookup import HashPredicate, SearchFolders
 
 ANSWER_TIMEOUT_S = 3.0
-"""Maximum time to wait for the response of a node; after that, the next node is asked."""
+"""Maximum time to wait for the type description of a node; after that, the next node is requested."""
 _SERVICE_TIMEOUT_S = 1.0
-"""Maximum time to wait for the service of a node, which may not have one."""
+"""Maximum time to wait for a node's service ``~/get_type_description``, which a node may not have."""
 _NODE_NAME_TIMEOUT_S = 4.0
 """Maximum time to wait for node names; with Fast DDS they may arrive after 3 s (docs/internals/protocol.md 6)."""
 _LATE_ANNOUNCEMENT_GRACE_S = 2.0
-"""Grace period for endpoints that are announced after the node's others; Fast DDS repeats a lost announcement after
-1 s.
+"""Grace period for endpoints that a node announces after its other endpoints.
+
+Fast DDS repeats a lost announcement after 1 s.
 """
 _MAX_ASKED_NODES = 8
 _HUMBLE = "humble"
@@ -71,7 +72,7 @@ _ADVICE = "install its package, or add it to the search path (`path=`, `--path`,
 
 
 class TypeResolver:
-    """One search for the class of a topic, service or action; see `Node.resolve_type` for the arguments."""
+    """Search for the class of one topic, service or action; `Node.resolve_type` documents arguments and exceptions."""
 
     def __init__(
         self,
@@ -106,7 +107,7 @@ class TypeResolver:
         self._sources: dict[str, tuple[str, str]] = {}
 
     async def run(self) -> Any:
-        """Return the class."""
+        """Search for the class, and return it."""
         cls = await self._find_or_fetch()
         if not issubclass(cls, self._base):
             raise TypeDescriptionError(
@@ -134,7 +135,11 @@ class TypeResolver:
         return announced(self._scope.graph, self._query, participants)
 
     def _candidates(self, participants: Collection[bytes] = ()) -> list[TypeAnnouncement]:
-        """Return the types whose required messages are all announced; with `type_name` at most that one."""
+        """Return the types whose required messages are all announced; if the caller named a type, only that type.
+
+        Args:
+            participants: GUIDs of the participants whose announcements count; empty: all participants.
+        """
         return [
             announcement
             for announcement in self._announcements(participants).values()
@@ -175,7 +180,7 @@ class TypeResolver:
         return TypeDescriptionError(f"{self._subject} has several {plural}: {join_truncated(lines)}; pass {parameter}")
 
     def _matches(self, announcement: TypeAnnouncement) -> HashPredicate:
-        """Return a function that compares hashes, by message name, with the announced ones."""
+        """Return a predicate: True if the hashes of a definition, by message type, are among the announced hashes."""
         wanted_hash = self._wanted_hash
 
         def matches(hashes: Mapping[str, str]) -> bool:
@@ -191,7 +196,12 @@ class TypeResolver:
         return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._path)
 
     async def _find_by_name(self, announcement: TypeAnnouncement) -> type[Any]:
-        """Return the class of a type for which no hash is announced."""
+        """Return the local class of a type for which no hash is announced, with a log entry that it may differ.
+
+        Raises:
+            TypeNotFoundError: there is no local definition, or no local definition with the hash that the caller
+                passed.
+        """
         from rosidl_py_gen.type_loading.class_lookup import find_named_class
         from rosidl_py_gen.type_loading.peer_definitions import find_class_of
 
@@ -216,9 +226,9 @@ class TypeResolver:
         return cls
 
     async def _are_of_humble(self) -> bool:
-        """Return True if all other participants of the topic are of Humble, by their graph messages; wait for these.
+        """Wait for the graph messages of the other participants; return True if all of these are of Humble.
 
-        Subscribers and clients count if there is no publisher or server.
+        Participants that only subscribe or call count if there is no publisher or server.
         """
         scope, graph = self._scope, self._scope.graph
 
@@ -236,7 +246,7 @@ class TypeResolver:
         return bool(found) and all(graph.is_ros(one) and graph.is_humble(one) is not False for one in found)
 
     async def _fetch_with_late_announcements(self, announcement: TypeAnnouncement) -> type[Any]:
-        """Fetch the type, and retry if an optional message, such as the events of a service, was announced later."""
+        """Request the type from nodes; retry if an optional message, such as a service event, is announced late."""
         try:
             return await self._fetch_class(announcement)
         except TypeDescriptionError:
@@ -286,12 +296,16 @@ class TypeResolver:
         return cls
 
     def _require_match(self, announcement: TypeAnnouncement, hashes: Mapping[str, str]) -> None:
-        """Raise if messages that match separately belong to several definitions of the type."""
+        """Raise `TypeDescriptionError` unless all hashes are announced: messages may be of different definitions."""
         if not self._matches(announcement)(hashes):
             raise self._ambiguous_error("definitions", [announcement], "type_hash")
 
     async def _fetch_messages(self, announcement: TypeAnnouncement) -> None:
-        """Fetch all sections of the type, each from the first message that contains it and can be fetched."""
+        """Fetch descriptions of all sections of the type, each from the first available message that contains it.
+
+        Raises:
+            TypeDescriptionError: no node describes a message with one of the sections.
+        """
         for suffix, carriers in self._query.messages.items():
             name = announcement.type_name + suffix
             failures: list[str] = []
@@ -316,7 +330,11 @@ class TypeResolver:
         )
 
     async def _fetch(self, name: str, wanted_hash: str, nodes: Collection[str]) -> None:
-        """Load a description from the disk, or request it from the nodes, one after the other."""
+        """Load a type description from the cache on disk, or request it from the nodes, one after the other.
+
+        Raises:
+            TypeDescriptionError: no node has described the type.
+        """
         cached = await asyncio.to_thread(load_description, wanted_hash)
         if cached is not None:
             try:
@@ -349,7 +367,7 @@ class TypeResolver:
         raise TypeDescriptionError("; ".join(failures) or f"{name} {wanted_hash} is announced, but {reason}")
 
     async def _wait_for_names(self, nodes: Collection[str]) -> Collection[str]:
-        """Return the nodes; if none but this one is among them, wait for the names of other announcing nodes."""
+        """Return the given nodes; if only this node is among them, wait for names of further announcing nodes."""
         scope = self._scope
         if set(nodes) - {scope.node_name}:
             return nodes
@@ -381,7 +399,11 @@ class TypeResolver:
         return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(ANSWER_TIMEOUT_S))
 
     def _accept(self, sender: str, name: str, wanted_hash: str, data: bytes) -> None:
-        """Store a description; raises `TypeDescriptionError` if it describes another type. Thread: any."""
+        """Store the description in an encoded response of a node or the cache. Thread: any.
+
+        Raises:
+            TypeDescriptionError: the response is too large, a failure, or describes another type or hash.
+        """
         from rosidl_py_gen import to_dict
 
         if len(data) > MAX_DESCRIPTION_BYTES:
@@ -404,6 +426,6 @@ class TypeResolver:
 
 
 def _announcing_nodes(announcement: TypeAnnouncement, wanted_hash: str) -> set[str]:
-    """Return the nodes that announce a hash; all of them if the hash itself is not announced."""
+    """Return the nodes that announce a hash; all announcing nodes of the type if no node announces the hash itself."""
     nodes = {node for by_hash in announcement.hashes.values() for node in by_hash.get(wanted_hash, ())} - {""}
     return nodes or announcement.nodes()

@@ -1,1 +1,1 @@
-"""Replacement of the C++ extension."""
+"""Replacement of cv_bridge's C++ extension."""

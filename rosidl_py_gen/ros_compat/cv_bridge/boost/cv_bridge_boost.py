@@ -1,7 +1,7 @@
 """Types of OpenCV, and conversion of pixels between encodings. Errors are RuntimeError, as from C++.
 
-As in cv_bridge, only encodings with colours are converted to others with colours. All others change only the depth:
-between 8 and 16 bits in proportion, otherwise by value.
+As in cv_bridge, only encodings with colours are converted to other encodings with colours. All other conversions change
+only the depth (type of the numbers): between 8 and 16 bits in proportion, otherwise by value.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from rosidl_py_gen.numpy import ConversionError, convert_pixels
 Pixels = np.ndarray[Any, np.dtype[Any]]
 
 DEPTHS = ("8U", "8S", "16U", "16S", "32S", "32F", "64F")
-"""Depths in the order of OpenCV's numbers."""
+"""Names of depths (types of numbers) in the order of OpenCV's numbers."""
 NUMPY_DEPTHS = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
 _GENERIC_ENCODING = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]+))?")
 _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
 _CHANNELS.update({f"bayer_{order}": 1 for order in ("rggb", "bggr", "gbrg", "grbg")})
 _PACKED = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
-"""Index of the brightness in the two bytes of a pixel."""
+"""Encoding with two bytes for each pixel -> index of the byte with the brightness."""
 _INT_LIMIT = 2.0**31
 
 
@@ -59,24 +59,24 @@ def opencv() -> Any:
 
 
 def _depth_bits() -> int:
-    """Return the number of bits of the depth in a type: 3, or 5 from OpenCV 5 on."""
+    """Return the number of bits that the depth has in a type number of OpenCV: 3, or 5 from OpenCV 5 on."""
     cv2 = opencv()
     return 3 if cv2 is None else int(cv2.CV_8UC2).bit_length() - 1
 
 
 def getCvType(encoding: str) -> int:
-    """Return OpenCV's number for depth and channels of an encoding."""
+    """Return OpenCV's type number, which contains depth and number of channels, for an encoding."""
     parsed_encoding = _parse(encoding)
     return DEPTHS.index(parsed_encoding.depth) | (parsed_encoding.channels - 1) << _depth_bits()
 
 
 def CV_MAT_CNWrap(i: int) -> int:
-    """Return the number of channels of a type."""
+    """Return the number of channels in a type number of OpenCV."""
     return (i >> _depth_bits()) + 1
 
 
 def CV_MAT_DEPTHWrap(i: int) -> int:
-    """Return the depth of a type."""
+    """Return the number of the depth in a type number of OpenCV."""
     return i & (1 << _depth_bits()) - 1
 
 
@@ -105,7 +105,7 @@ def cvtColor2(image: Any, encoding_in: str, encoding_out: str) -> Pixels:
 
 
 def _convert_depth(pixels: Pixels, before: str, after: str) -> Pixels:
-    """Convert the depth; numbers outside of its range become its minimum or maximum, as with OpenCV."""
+    """Convert pixels to another depth; numbers outside of its range become its minimum or maximum, as with OpenCV."""
     bits = before[:-1], after[:-1]
     dtype = np.dtype(NUMPY_DEPTHS[DEPTHS.index(after)])
     if bits == ("8", "16"):

@@ -1,4 +1,4 @@
-"""Actions."""
+"""Clients, servers and graph functions of actions."""
 
 from rclpy.action.client import ActionClient
 from rclpy.action.graph import (

@@ -34,7 +34,7 @@ _FINAL_STATES = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalSt
 
 
 class ClientGoalHandle(Subscriptable):
-    """Goal to which a server replied, accepted or not."""
+    """Goal to which a server has replied, whether the server accepted it or not."""
 
     def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
         self._action_client = action_client
@@ -50,12 +50,12 @@ class ClientGoalHandle(Subscriptable):
 
     @property
     def goal_id(self) -> Any:
-        """Id, a unique_identifier_msgs/UUID."""
+        """Id of the goal, a unique_identifier_msgs/UUID."""
         return self._goal_id
 
     @property
     def stamp(self) -> Any:
-        """Time of acceptance, a builtin_interfaces/Time."""
+        """Time when the server accepted the goal, a builtin_interfaces/Time."""
         return self._goal_response.stamp
 
     @property
@@ -64,23 +64,23 @@ class ClientGoalHandle(Subscriptable):
 
     @property
     def status(self) -> int:
-        """Number of action_msgs/GoalStatus that the server published last."""
+        """Status of the goal that the server published last, a number of action_msgs/GoalStatus."""
         return self._status
 
     def cancel_goal(self) -> Any:
-        """Call `cancel_goal_async` and wait for the response, while an executor in another thread receives it."""
+        """Request to cancel the goal, and wait for the response, while an executor in another thread receives it."""
         return _wait_for_result(self.cancel_goal_async())
 
     def cancel_goal_async(self) -> Future[Any]:
-        """Request the cancellation; return a future of the action_msgs/CancelGoal response."""
+        """Request to cancel the goal; return a future of the action_msgs/CancelGoal response."""
         return self._action_client._cancel_goal_async(self)
 
     def get_result(self) -> Any:
-        """Call `get_result_async` and wait for the response, while an executor in another thread receives it."""
+        """Wait for the result of the goal and return it, while an executor in another thread receives the response."""
         return _wait_for_result(self.get_result_async())
 
     def get_result_async(self) -> Future[Any]:
-        """Return a future of the response with `status` and `result`, which is set when the goal ends."""
+        """Return a future that is done when the goal ends: a response with `status` and `result`."""
         return self._action_client._get_result_async(self)
 
 
@@ -140,9 +140,9 @@ class ActionClient(ActionWaitable):
         )
 
     def take_data(self) -> dict[str, Any]:
-        """Return one item of each kind that arrived: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``.
+        """Return a dict with one item of each arrived kind: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``.
 
-        With feedback there is its ``callback``, if the goal has one.
+        Together with ``feedback``, the dict contains the function for it, ``callback``, if the goal has one.
         """
         callbacks = self._feedback_callbacks.copy()  # another thread may receive the result after this feedback
         with self._rosidl_endpoints:
@@ -210,9 +210,9 @@ class ActionClient(ActionWaitable):
         """Send a goal, even if no server is available; return a future of a `ClientGoalHandle`.
 
         Args:
-            goal: object of the action's `Goal`.
-            feedback_callback: function that is called with each message, which has `feedback` and `goal_id`.
-            goal_uuid: a unique_identifier_msgs/UUID. [default: a random one]
+            goal: object of the action's class `Goal`.
+            feedback_callback: function that is called with each feedback message, which has `feedback` and `goal_id`.
+            goal_uuid: id of the goal, a unique_identifier_msgs/UUID. [default: a random id]
 
         Raises:
             TypeError: the goal is of another class.
@@ -256,5 +256,5 @@ class ActionClient(ActionWaitable):
             return services and bool(self._rosidl_feedback.publisher_count and self._rosidl_status.publisher_count)
 
     def wait_for_server(self, timeout_sec: float | None = None) -> bool:
-        """Wait until a server is connected, or the time has passed; no executor is needed."""
+        """Wait until a server is connected; return False if the time has passed. No executor is needed."""
         return self._rosidl_endpoints.context.wait(self.server_is_ready, timeout_sec)

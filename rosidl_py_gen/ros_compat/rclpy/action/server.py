@@ -41,21 +41,24 @@ _GOAL_TERMINATED = 3
 
 
 class GoalResponse(Enum):
-    """Decision of a goal callback."""
+    """Decision of the goal callback of an action server."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class CancelResponse(Enum):
-    """Decision of a cancel callback."""
+    """Decision of the cancel callback of an action server."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class ServerGoalHandle(Subscriptable):
-    """Accepted goal. `succeed`, `abort` and `canceled` end it; its result is what the execute callback returns."""
+    """Goal that an action server has accepted.
+
+    `succeed`, `abort` and `canceled` end the goal; its result is the value that the execute callback returns.
+    """
 
     def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
         self._action_server = action_server
@@ -85,12 +88,12 @@ class ServerGoalHandle(Subscriptable):
 
     @property
     def is_cancel_requested(self) -> bool:
-        """True if the goal is to be canceled; then the execute callback calls `canceled`."""
+        """True if a request to cancel the goal was accepted; then the execute callback should call `canceled`."""
         return self.status == runtime.GoalStatus.CANCELING
 
     @property
     def status(self) -> int:
-        """Number of action_msgs/GoalStatus; STATUS_UNKNOWN after `destroy`."""
+        """Status of the goal, a number of action_msgs/GoalStatus; STATUS_UNKNOWN after `destroy`."""
         with self._lock:
             return int(runtime.GoalStatus.UNKNOWN if self._rosidl_is_destroyed else self._rosidl_status)
 
@@ -108,13 +111,13 @@ class ServerGoalHandle(Subscriptable):
             self._action_server.notify_goal_done()
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
-        """Schedule the execution, by this callback or the callback of the server."""
+        """Schedule the execution of the goal, with the given callback or the execute callback of the server."""
         if not self.is_cancel_requested:
             self.executing()
         self._action_server.notify_execute(self, execute_callback)
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Publish feedback; raise TypeError for another class."""
+        """Publish feedback of the goal; raise TypeError if it is not of the action's class `Feedback`."""
         expected = self._action_server.action_type.Feedback
         if not isinstance(feedback, expected):
             raise TypeError(f"Expected type {expected.__name__} but received {type(feedback)}")
@@ -122,14 +125,17 @@ class ServerGoalHandle(Subscriptable):
             self._action_server._rosidl_publish_feedback(self.goal_id, feedback)
 
     def executing(self) -> None:
-        """Mark the goal as executing, for servers without execute callback; raise RCLError if that is not possible."""
+        """Mark the goal as executing, for servers without execute callback; raise RCLError in other states."""
         self._update_state(GoalEvent.EXECUTE)
 
     def succeed(self, response: Any = None) -> None:
-        """End the goal as succeeded; raise RCLError if that is not possible, as the next two methods.
+        """End the goal as succeeded.
 
         Args:
             response: result of the goal. [default: the result that the execute callback returns]
+
+        Raises:
+            RCLError: the goal has ended, or does not execute.
         """
         self._rosidl_end(GoalEvent.SUCCEED, response)
 
@@ -137,7 +143,7 @@ class ServerGoalHandle(Subscriptable):
         self._rosidl_end(GoalEvent.ABORT, response)
 
     def canceled(self, response: Any = None) -> None:
-        """End the goal as canceled, after a client requested that."""
+        """End the goal as canceled, after a client requested it; raise RCLError if no client did."""
         self._rosidl_end(GoalEvent.CANCELED, response)
 
     def _rosidl_end(self, event: runtime.GoalEvent, response: Any) -> None:
@@ -146,13 +152,13 @@ class ServerGoalHandle(Subscriptable):
             self._action_server._rosidl_set_result(self, response)
 
     def destroy(self) -> None:
-        """Invalidate the goal."""
+        """Invalidate the goal: its status is unknown, and feedback is ignored."""
         with self._lock:
             self._rosidl_is_destroyed = True
 
 
 def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
-    """Execute the goal."""
+    """Execute an accepted goal at once."""
     goal_handle.execute()
 
 
@@ -162,7 +168,7 @@ def default_goal_callback(goal_request: Any) -> GoalResponse:
 
 
 def default_cancel_callback(cancel_request: Any) -> CancelResponse:
-    """Reject every cancellation."""
+    """Reject every request to cancel a goal."""
     return CancelResponse.REJECT
 
 
@@ -173,9 +179,9 @@ class ActionServer(ActionWaitable):
         action_type: class such as `example_interfaces.action.Fibonacci`.
         action_name: name, expanded and remapped like the name of a topic.
         execute_callback: function that takes a `ServerGoalHandle` and returns a result of the action; None if the
-            program ends goals itself, as `ServerGoalHandle.succeed` does.
+            program ends goals itself, for example with `ServerGoalHandle.succeed`.
         goal_callback: function that takes the goal and returns a `GoalResponse`.
-        handle_accepted_callback: function that takes the `ServerGoalHandle` and executes it, now or later.
+        handle_accepted_callback: function that takes the `ServerGoalHandle` and executes the goal, now or later.
         cancel_callback: function that takes the `ServerGoalHandle` and returns a `CancelResponse`.
         result_timeout: seconds for which a result is retained after the end of its goal, at least 0.05.
 
@@ -213,9 +219,9 @@ class ActionServer(ActionWaitable):
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future[Any]] = {}
         self._rosidl_end_times_ns: dict[bytes, int] = {}
-        """Times from which results are retained, in order: the end of the goal, or of its execute callback."""
+        """Goal id -> time from which its result is retained: the end of the goal or of its execute callback."""
         self._rosidl_executing: set[bytes] = set()
-        """Goals whose execute callbacks have not returned the result."""
+        """Ids of goals whose execute callbacks have not returned the result yet."""
         self._rosidl_has_expiry_timer = False
         impl = action_type.Impl
         with self._rosidl_endpoints.closing_on_error() as endpoints:
@@ -292,7 +298,7 @@ class ActionServer(ActionWaitable):
             future.set_result(response)
 
     def _rosidl_as_result(self, value: Any) -> Any:
-        """Return the result of an execute callback, or a default result and an error in the log.
+        """Return the value of an execute callback as a result; if that is impossible, log it and return a default.
 
         As in rclpy, an object of another class is accepted if it has the fields of a result.
         """
@@ -319,7 +325,7 @@ class ActionServer(ActionWaitable):
         self._rosidl_respond(request, response, "cancel")
 
     def _rosidl_find_goals_to_cancel(self, info: Any) -> tuple[int, list[bytes]]:
-        """Return the return code and the goals of a request: one, those up to a time, or all."""
+        """Return the return code and the goals of a cancel request: one goal, goals up to a time, or all goals."""
         requested_key, latest_stamp = bytes(info.goal_id.uuid), Time.from_msg(info.stamp)
         if any(requested_key) and latest_stamp.nanoseconds == 0:
             goal = self._goal_handles.get(requested_key)
@@ -361,7 +367,7 @@ class ActionServer(ActionWaitable):
             self._rosidl_feedback.publish(self._action_type.Impl.FeedbackMessage(goal_id=goal_id, feedback=feedback))
 
     def _rosidl_find_expired_goals(self) -> list[bytes]:
-        """Return the goals whose results have been retained long enough."""
+        """Return the ids of the goals whose result timeout is over."""
         if not self._rosidl_end_times_ns:
             return []
         last_ns = self._node.get_clock().now().nanoseconds - self._rosidl_result_timeout_ns
@@ -371,7 +377,7 @@ class ActionServer(ActionWaitable):
         return list(self._rosidl_end_times_ns.items())
 
     def _rosidl_schedule_expiry(self) -> None:
-        """Wake up the executors when the next result expires. Thread: any."""
+        """Start a timer that wakes up the executors when the next result expires. Thread: any."""
         ends = self._rosidl_end_times()
         if self._rosidl_has_expiry_timer or not ends:
             return
@@ -401,7 +407,16 @@ class ActionServer(ActionWaitable):
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], Any] | None
     ) -> None:
-        """Schedule the execution of a goal, by this callback or the registered one; do nothing if there is none."""
+        """Schedule the execution of a goal.
+
+        Args:
+            goal_handle: accepted goal.
+            execute_callback: function that executes the goal; None uses the registered function, and does nothing
+                without one.
+
+        Raises:
+            RuntimeError: no executor serves the node.
+        """
         callback = execute_callback or self._execute_callback
         if callback is None:
             return
@@ -415,7 +430,7 @@ class ActionServer(ActionWaitable):
         return has_request or bool(self._rosidl_find_expired_goals())
 
     def take_data(self) -> dict[str, Any]:
-        """Return one request of each kind (``goal``, ``cancel``, ``result``), and the ``expired`` goals."""
+        """Return a dict with one request of each kind (``goal``, ``cancel``, ``result``), and the ``expired`` goals."""
         with self._rosidl_endpoints:
             items = {kind: service.take() for kind, service in self._rosidl_services.items()}
         requests = {kind: request for kind, request in items.items() if request is not None}
@@ -437,15 +452,15 @@ class ActionServer(ActionWaitable):
         return NumberOfEntities(num_timers=1, num_services=3)
 
     def register_handle_accepted_callback(self, handle_accepted_callback: Callable[[Any], Any] | None) -> None:
-        """Set the function for accepted goals; None executes them."""
+        """Set the function that handles accepted goals; None executes each goal at once."""
         self._handle_accepted_callback = handle_accepted_callback or default_handle_accepted_callback
 
     def register_goal_callback(self, goal_callback: Callable[[Any], Any] | None) -> None:
-        """Set the function that decides on goals; None accepts all."""
+        """Set the function that accepts or rejects goals; None accepts all goals."""
         self._goal_callback = goal_callback or default_goal_callback
 
     def register_cancel_callback(self, cancel_callback: Callable[[Any], Any] | None) -> None:
-        """Set the function that decides on cancellations; None rejects all."""
+        """Set the function that accepts or rejects requests to cancel goals; None rejects all requests."""
         self._cancel_callback = cancel_callback or default_cancel_callback
 
     def register_execute_callback(self, execute_callback: Callable[[Any], Any]) -> None:
@@ -464,7 +479,12 @@ class ActionServer(ActionWaitable):
 
 
 def _to_timeout_ns(result_timeout: float) -> int:
-    """Return a result timeout in nanoseconds; raise TypeError and ValueError as rclpy."""
+    """Return a result timeout in nanoseconds.
+
+    Raises:
+        TypeError: the timeout is not a number.
+        ValueError: the timeout is negative, not finite, or more than 292 years.
+    """
     if not isinstance(result_timeout, (int, float)):
         raise TypeError(f"result_timeout must be a number of seconds, got {result_timeout!r:.100}")
     if not -1e-9 < result_timeout < 2**63 / 10**9:  # rclpy ignores fractions of a nanosecond; false for nan
@@ -476,7 +496,7 @@ def _to_timeout_ns(result_timeout: float) -> int:
 
 
 def _wake_for_expiry(reference: weakref.ref[ActionServer]) -> None:
-    """Make executors check for expired results. Thread: loop."""
+    """Make executors check an action server for expired results. Thread: loop."""
     server = reference()
     if server is not None:
         server._rosidl_has_expiry_timer = False

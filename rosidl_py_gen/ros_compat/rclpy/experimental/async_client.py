@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class AsyncClient(BaseClient):
-    """Client of a service, created by `AsyncNode.create_client`. Responses arrive while its node is entered."""
+    """Client of a service, created by `AsyncNode.create_client`. Responses arrive while its node runs."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class AsyncClient(BaseClient):
         self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     def destroy(self) -> None:
-        """Destroy the client, and cancel its calls."""
+        """Destroy the client, and cancel calls that wait for a response."""
         self._rosidl_task.cancel()
         super().destroy()
         for future in tuple(self._rosidl_calls):

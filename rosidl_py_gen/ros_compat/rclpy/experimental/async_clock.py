@@ -20,13 +20,13 @@ _SOURCE_CHANGES = (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVA
 
 
 def watch_jumps(clock: BaseClock, on_jump: Callable[[TimeJump], None]) -> JumpHandle:
-    """Call a function after each jump forward and each change of the source of time."""
+    """Call a function after each jump forward and each change of the source of time; the handle ends that."""
     threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
     return clock.create_jump_callback(threshold, post_callback=on_jump)
 
 
 def is_source_change(jump: TimeJump) -> bool:
-    """Return True if simulated time started or stopped."""
+    """Return True if a jump means that simulated time started or stopped."""
     return jump.clock_change in _SOURCE_CHANGES
 
 
@@ -49,7 +49,7 @@ class AsyncClock(BaseClock):
                 _call_in_loop(future, _resolve)
 
     def _rosidl_destroy_clock(self) -> None:
-        """Cancel all sleeps, and refuse new ones."""
+        """Cancel all sleeps of the clock, and refuse new sleeps."""
         if self._rosidl_is_destroyed:
             return
         self._rosidl_is_destroyed = True
@@ -63,7 +63,7 @@ class AsyncClock(BaseClock):
 
         Raises:
             TimeSourceChangedError: simulated time started or stopped.
-            asyncio.CancelledError: the node was destroyed.
+            asyncio.CancelledError: the node was destroyed during the sleep.
             RuntimeError: the node was destroyed before.
         """
         if self._rosidl_is_destroyed:
@@ -90,7 +90,7 @@ class AsyncClock(BaseClock):
 
 
 def _call_in_loop(future: asyncio.Future[None], function: Callable[[asyncio.Future[None]], None]) -> None:
-    """Call a function for a future, in the thread of its loop; another thread may change the time."""
+    """Call a function with a future in the thread of the future's loop; another thread may have changed the time."""
     loop = future.get_loop()
     if loop is asyncio._get_running_loop():
         function(future)

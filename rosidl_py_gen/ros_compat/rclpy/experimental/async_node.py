@@ -42,8 +42,8 @@ AsyncEntity = AsyncPublisher | AsyncSubscription | AsyncService | AsyncClient | 
 class AsyncNode(BaseNode):
     """Node whose callbacks run as tasks of asyncio, without an executor.
 
-    They run from ``async with node`` to the end of the block, which destroys the node. An exception of a callback ends
-    the block: it is raised there in an ExceptionGroup.
+    Callbacks run from ``async with node`` to the end of the block, which destroys the node. An exception of a callback
+    ends the block: the exception is raised there in an ExceptionGroup.
 
     Args: see `rclpy.node.Node`.
 
@@ -114,7 +114,7 @@ class AsyncNode(BaseNode):
             self._rosidl_entered_context.stop_loop_thread()
 
     async def run(self) -> None:
-        """Enter the node and run its callbacks until `destroy_node`; raise RuntimeError if it is entered already."""
+        """Run the callbacks of the node until `destroy_node`; raise RuntimeError if the node runs already."""
         async with self:
             await self._rosidl_destroyed.wait()
 
@@ -176,7 +176,8 @@ class AsyncNode(BaseNode):
         Args:
             callback: function, plain or async, that takes the message, or the message and a dict about it.
             raw: pass messages as bytes.
-            concurrent: start each callback in a task of its own; else the next message waits for the last callback.
+            concurrent: start each callback in a task of its own; else the next message waits for the end of the
+                callback.
             content_filter_options: filter of the messages, see `AsyncSubscription.set_content_filter`.
 
         Raises:
@@ -211,7 +212,8 @@ class AsyncNode(BaseNode):
         """Create a service whose callback takes a request and an empty response, and returns the response.
 
         Args:
-            concurrent: start each callback in a task of its own; else the next request waits for the last callback.
+            concurrent: start each callback in a task of its own; else the next request waits for the end of the
+                callback.
 
         Raises:
             RuntimeError: the node was destroyed.
@@ -224,7 +226,7 @@ class AsyncNode(BaseNode):
     def create_client(
         self, srv_type: Any, srv_name: str, *, qos_profile: QoSProfile = qos_profile_services_default
     ) -> AsyncClient:
-        """Create a client; raise RuntimeError if the node was destroyed."""
+        """Create a client of a service; raise RuntimeError if the node was destroyed."""
         self._rosidl_require_open("client")
         handle = self._rosidl_create_on_service("client", srv_type, srv_name, qos_profile)
         discard = self._rosidl_entities.discard

@@ -37,7 +37,7 @@ class AsyncService(BaseService):
         self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     def destroy(self) -> None:
-        """Destroy the service, and cancel the callback that is running; its request gets no response."""
+        """Destroy the service, and cancel the running callback, whose request gets no response."""
         self._rosidl_task.cancel()
         super().destroy()
 

@@ -37,7 +37,7 @@ class AsyncSubscription(BaseSubscription):
         self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     def destroy(self) -> None:
-        """Destroy the subscription, and cancel the callback that is running."""
+        """Destroy the subscription, and cancel the running callback."""
         self._rosidl_task.cancel()
         super().destroy()
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class AsyncTimer(BaseTimer):
-    """Timer, created by `AsyncNode.create_timer`. The next call is not due before the last one has ended."""
+    """Timer, created by `AsyncNode.create_timer`. The next call is not due before the previous call has ended."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class AsyncTimer(BaseTimer):
 
     @property
     def callback(self) -> Callable[..., Any]:
-        """Function, plain or async, that takes nothing or a `TimerInfo`."""
+        """Function, plain or async, that the timer calls: it takes no argument or a `TimerInfo`."""
         return self._rosidl_callback
 
     @callback.setter
@@ -54,7 +54,7 @@ class AsyncTimer(BaseTimer):
         raise RuntimeError("Timer callback must accept zero arguments or one argument (TimerInfo)")
 
     def destroy(self) -> None:
-        """Destroy the timer, and cancel the callback that is running."""
+        """Destroy the timer, and cancel the running callback."""
         self._rosidl_task.cancel()
         super().destroy()
 
@@ -67,7 +67,7 @@ class AsyncTimer(BaseTimer):
         self._rosidl_notify()
 
     def _rosidl_notify(self) -> None:
-        """Make the task check the timer again. Thread: any."""
+        """Make the task of the timer check again when the timer is due. Thread: any."""
         loop = self._rosidl_loop
         if loop is None or loop is asyncio._get_running_loop():
             self._rosidl_change.set()
@@ -90,7 +90,7 @@ class AsyncTimer(BaseTimer):
                     await self._rosidl_wait()
 
     async def _rosidl_wait(self) -> None:
-        """Wait until the timer is due, or may be."""
+        """Wait until the timer is due, or a change requires a new check."""
         remaining_ns = self.time_until_next_call()
         timeout_s = None if remaining_ns is None or self.clock.ros_time_is_active else max(0, remaining_ns) / 1e9
         change = self._rosidl_change

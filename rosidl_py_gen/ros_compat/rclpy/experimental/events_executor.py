@@ -1,4 +1,4 @@
-"""Name of the events executor; here all executors react to events, and one thread runs the callbacks."""
+"""Name of rclpy's events executor; here all executors react to events, and this one runs callbacks in one thread."""
 
 import faulthandler
 import typing
@@ -8,5 +8,5 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 
 
 def EventsExecutor(*, context: Context | None = None) -> Executor:
-    """Create an executor of one thread."""
+    """Return an executor that runs callbacks in the spinning thread."""
     return SingleThreadedExecutor(context=context)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class ActionEndpoints(Destroyable):
-    """Endpoints of one action, which are created in the runtime's node and closed together."""
+    """Endpoints of one action client or server, created in the runtime's node and closed together."""
 
     def __init__(self, node: Handle[runtime.Node], name: str) -> None:
         if not name:
@@ -35,9 +35,9 @@ class ActionEndpoints(Destroyable):
         self._endpoints: list[Any] = []
 
     def create(self, kind: str, type_: Any, name: str, qos: QoSProfile) -> Any:
-        """Create a ``client``, ``publisher``, ``service`` or ``subscription``.
+        """Create a ``client``, ``publisher``, ``service`` or ``subscription`` below the name of the action.
 
-        The last two queue what they receive, and wake up executors.
+        Services and subscriptions queue what they receive, and wake up executors.
         """
         callback = (None,) if kind in ("service", "subscription") else ()
         create = getattr(self._node, f"create_{kind}")
@@ -50,14 +50,14 @@ class ActionEndpoints(Destroyable):
     def configure_introspection(
         self, clock: runtime.Clock, qos: runtime.QoSProfile, state: runtime.IntrospectionState
     ) -> None:
-        """Publish requests and responses of the services, as `state` says."""
+        """Publish requests and responses of the services; `state` selects the contents of the events."""
         for endpoint in self._endpoints:
             if isinstance(endpoint, (runtime.Client, runtime.ServiceServer)):
                 endpoint.configure_introspection(clock, qos, state)
 
     @contextlib.contextmanager
     def closing_on_error(self) -> Iterator[ActionEndpoints]:
-        """Return a context manager for their creation, which closes all of them after an error."""
+        """Return a context manager for the creation of endpoints, which closes all of them after an error."""
         try:
             yield self
         except BaseException:
@@ -71,7 +71,7 @@ class ActionEndpoints(Destroyable):
 
 
 class ActionWaitable(Waitable):
-    """Base class of action clients and servers: a node, a type and endpoints."""
+    """Base class of action clients and servers: waitable with a node, an action type and endpoints."""
 
     def __init__(
         self, node: Node, action_type: Any, action_name: str, group: CallbackGroup | None, logger: str
@@ -96,7 +96,7 @@ class ActionWaitable(Waitable):
     def configure_introspection(
         self, clock: BaseClock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
     ) -> None:
-        """Publish requests and responses of the three services, as `introspection_state` says."""
+        """Publish requests and responses of the action's services; `introspection_state` selects the contents."""
         with self._rosidl_endpoints as endpoints:
             endpoints.configure_introspection(
                 clock.handle.clock,
@@ -105,6 +105,6 @@ class ActionWaitable(Waitable):
             )
 
     def destroy(self) -> None:
-        """Destroy the endpoints."""
+        """Destroy the action client or server with its endpoints."""
         self._rosidl_endpoints.destroy_when_not_in_use()
         self._node.remove_waitable(self)

@@ -1,4 +1,4 @@
-"""Tasks of the entities of asyncio nodes: they take what arrived, and call back."""
+"""Tasks of the entities of asyncio nodes: each task takes the items that arrive, and calls the callback."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from rclpy.handles import Handle
 
 TaskGroup: Any = getattr(asyncio, "TaskGroup", None)
-"""`asyncio.TaskGroup`; None in Python 3.10, which is also the version that type checkers check for."""
+"""Class `asyncio.TaskGroup`; None in Python 3.10, for which type checkers check the module, too."""
 
 
 class Arrivals:
-    """Items that arrive at an endpoint, for the task of its entity."""
+    """Items (messages, requests) that arrive at an endpoint, for the task of its entity."""
 
     def __init__(self, handle: Handle[Any], take: Callable[[], Any]) -> None:
         self._handle, self._take = handle, take
         self._event = asyncio.Event()
 
     async def items(self) -> AsyncIterator[Any]:
-        """Yield each item, until the task is cancelled or the endpoint destroyed."""
+        """Yield each item that arrives, until the task is cancelled or the endpoint destroyed."""
         loop, event = asyncio.get_running_loop(), self._event
 
         def notify() -> None:
@@ -46,12 +46,12 @@ class Arrivals:
 
 
 class EntityTask:
-    """Task of an entity, which runs while its node is entered; the entity is destroyed with it.
+    """Task of an entity, which runs while the entity's node runs; the entity is destroyed when the task ends.
 
     Args:
         run: coroutine function of the task.
         on_end: function that is called when the task ends.
-        task_group: `asyncio.TaskGroup` of the node; None before the node is entered.
+        task_group: `asyncio.TaskGroup` of the node; None before the node runs.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class EntityTask:
         self._task = task_group.create_task(self._run_to_end())
 
     def cancel(self) -> None:
-        """End the task, also from a callback that it runs."""
+        """Cancel the task; a callback that the task runs may call the method."""
         if self._task is not None:
             self._task.cancel()
 
@@ -84,7 +84,7 @@ class EntityTask:
 async def call_for_each(
     items: AsyncIterator[Any], call: Callable[[Any], Coroutine[Any, Any, None]], *, concurrent: bool
 ) -> None:
-    """Call a coroutine function for each item, one after the other or, if `concurrent`, in a task for each."""
+    """Call a coroutine function for each item: one after the other, or if `concurrent`, in a task for each item."""
     if not concurrent:
         async for item in items:
             await call(item)

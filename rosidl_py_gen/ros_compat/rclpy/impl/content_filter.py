@@ -51,18 +51,20 @@ _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
 }
 _KEYWORDS = {"AND", "OR", "NOT", "BETWEEN", "TRUE", "FALSE", "LIKE", "MATCH"}
 _MAX_CHARACTERS = 10_000
-"""Maximum length of an expression or parameter."""
+"""Maximum length of a filter expression or parameter."""
 _MAX_PATTERN = 1000
-"""Maximum length of a pattern of LIKE that a message contains; a longer one matches nothing."""
+"""Maximum length of a LIKE pattern that is the value of a message's field; a longer pattern matches nothing."""
 _LOGGER = logging.getLogger("rosidl_py_gen.rclpy")
 _MAX_DEPTH = 100
-"""Maximum depth of parentheses and NOT; deeper expressions would exhaust Python's stack."""
+"""Maximum depth of parentheses and NOT in an expression; deeper expressions would exhaust Python's stack."""
 _MAX_PARAMETERS = 100
 _MAX_AT_ONCE = 1000
-"""Maximum number of messages that are filtered at once, so that a fast publisher does not hold an executor."""
+"""Maximum number of messages that are filtered at once, so that a fast publisher does not block an executor."""
 MIN_DEPTH = 100
-"""Messages that a subscription with a filter retains at least until they are filtered, so that messages of a burst that
-the filter refuses do not replace messages that it accepts. A larger number needs more memory while no executor spins.
+"""Minimum number of unfiltered messages that a subscription with a content filter retains.
+
+So messages of a burst that the filter refuses do not replace messages that it accepts. A larger number needs more
+memory while no executor spins.
 """
 _Kind = Literal["bool", "int", "float32", "float64", "text"]
 _KINDS: dict[str, _Kind] = {
@@ -77,13 +79,13 @@ _ARRAY = re.compile(r"sequence<(?P<sequence>.+?)(?:, \d+)?>|(?P<array>.+)\[\d+\]
 
 
 class ContentFilterError(RCLError):
-    """Raised for an expression that cannot be evaluated for the message type."""
+    """Raised for a filter expression that cannot be evaluated for the message type."""
 
 
 class _Operand(NamedTuple):
     kind: _Kind
     get: Callable[[Any], Any]
-    """Returns the value for a message, None if the message has no element with the index."""
+    """Function that returns the operand's value for a message; None if an array of the message has no such element."""
     is_field: bool
 
 
@@ -94,7 +96,7 @@ class _Token:
 
 
 class ContentFilter:
-    """Compiled filter of one message type.
+    """Compiled content filter for one message type.
 
     Raises:
         RCLError: the expression or a parameter is invalid, or does not fit the fields of the type.
@@ -315,10 +317,10 @@ class _Parser:
 
 
 def _matcher(pattern: str) -> Callable[[str], bool]:
-    """Return the function that tests a text for LIKE, in time that is linear in the text for each part of the pattern.
+    """Return a function that tests a text against a LIKE pattern; each part of the pattern takes linear time.
 
-    The parts between ``%`` and ``*`` have fixed lengths. The first one has to be at the beginning and the last one at
-    the end; the others are searched from left to right, each behind the one before it.
+    The parts between ``%`` and ``*`` have fixed lengths. The first part must match at the beginning and the last part
+    at the end of the text; the others are searched from left to right, each after the previous one.
     """
     parts = re.split("[%*]+", pattern)
     compiled = [re.compile(re.sub("[_?]", ".", re.escape(part)), re.DOTALL) for part in parts]
@@ -338,7 +340,7 @@ def _matcher(pattern: str) -> Callable[[str], bool]:
 
 
 def _literal(token: _Token) -> _Operand | None:
-    """Return the constant of a token; None if it is not a value."""
+    """Return the constant operand for a token of an expression; None if the token is not a value."""
     value: bool | int | float | str
     kind: _Kind
     if token.kind == "word" and token.text in ("TRUE", "FALSE", "true", "false"):
@@ -371,7 +373,7 @@ def _getter(steps: Sequence[tuple[str, int | None]]) -> Callable[[Any], Any]:
 
 
 def _rounded(operand: _Operand) -> Callable[[Any], Any]:
-    """Return the function of an operand with a result that is rounded to 32 bits."""
+    """Return a function like the operand's `get` whose result is rounded to a 32-bit float."""
     if operand.kind == "float32":
         return operand.get
 
@@ -389,13 +391,13 @@ def _rounded(operand: _Operand) -> Callable[[Any], Any]:
 
 
 class FilteredMessages:
-    """Received messages of a subscription that its filter accepts. Thread: any.
+    """Received messages of a subscription that its content filter accepts. Thread: any.
 
     Args:
         subscription: subscription of the runtime; several threads may take from it.
         msg_type: class of the messages.
         raw: True if the subscription returns bytes.
-        depth: number of accepted messages that are retained; None for all.
+        depth: number of accepted messages that are retained; None: all.
     """
 
     def __init__(
@@ -408,7 +410,7 @@ class FilteredMessages:
         self._name, self._has_warned = subscription.topic, False
 
     def has_messages(self) -> bool:
-        """Filter all received messages; return True if some are accepted and not taken yet."""
+        """Filter received messages; return True if accepted messages were not taken yet."""
         with self._lock:  # keeps the order of messages
             for _ in range(_MAX_AT_ONCE):
                 if (item := self._subscription.take_with_info()) is None:
@@ -430,7 +432,7 @@ class FilteredMessages:
             return False
 
     def is_ready(self) -> bool:
-        """Return True if something can be taken or filtered."""
+        """Return True if messages can be taken or filtered."""
         return bool(self._accepted) or self._subscription.is_ready
 
     def take(self) -> tuple[Any, runtime.MessageInfo] | None:

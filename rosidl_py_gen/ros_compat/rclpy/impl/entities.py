@@ -22,7 +22,7 @@ E = TypeVar("E", bound=Any)
 
 
 class Entity(Generic[E]):
-    """Entity of a node."""
+    """Base of publishers, subscriptions, clients and services of a node."""
 
     def __init__(self, handle: Handle[E], on_destroy: Callable[[Any], None] | None = None) -> None:
         self._rosidl_handle = handle
@@ -39,7 +39,7 @@ class Entity(Generic[E]):
             return handle.logger_name
 
     def destroy(self) -> None:
-        """Destroy the entity; use the methods of `Node` for it."""
+        """Destroy the entity; programs should use the methods of `Node` such as `destroy_publisher`."""
         on_destroy, self._rosidl_on_destroy = self._rosidl_on_destroy, None
         if on_destroy is not None:
             on_destroy(self)
@@ -55,7 +55,7 @@ class Entity(Generic[E]):
 
 
 class TopicEntity(Entity[E]):
-    """Publisher or subscription."""
+    """Base of publishers and subscriptions."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class TopicEntity(Entity[E]):
 
     @property
     def topic_name(self) -> str:
-        """Name after expansion and remapping."""
+        """Name of the topic after expansion and remapping."""
         with self.handle.in_use(require_ok=False) as endpoint:
             return str(endpoint.topic)
 
@@ -85,7 +85,7 @@ class TopicEntity(Entity[E]):
 
 
 class ServiceEntity(Entity[E]):
-    """Client or server of a service."""
+    """Base of clients and servers of services."""
 
     def __init__(
         self,
@@ -103,14 +103,14 @@ class ServiceEntity(Entity[E]):
 
     @property
     def service_name(self) -> str:
-        """Name after expansion and remapping."""
+        """Name of the service after expansion and remapping."""
         with self.handle.in_use(require_ok=False) as endpoint:
             return str(endpoint.name)
 
     def configure_introspection(
         self, clock: BaseClock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
     ) -> None:
-        """Publish requests and responses on ``<service>/_service_event``, as `introspection_state` says."""
+        """Publish requests and responses on ``<service>/_service_event``, with contents as in `introspection_state`."""
         with self.handle.in_use(require_ok=False) as endpoint:
             profile = service_event_qos_profile.get_c_qos_profile()
             state = runtime.IntrospectionState(int(introspection_state))

@@ -1,4 +1,4 @@
-"""Module ``rclpy_implementation``, which is rclpy's C extension."""
+"""Module with the name ``rclpy_implementation`` for rclpy's C extension."""
 
 import rclpy._rclpy_pybind11 as rclpy_implementation
 

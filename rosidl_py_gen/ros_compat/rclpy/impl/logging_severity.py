@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class LoggingSeverity(IntEnum):
-    """Severities of ROS, with its numbers."""
+    """Severity of a log record, with the numbers of ROS."""
 
     UNSET = 0
     DEBUG = 10

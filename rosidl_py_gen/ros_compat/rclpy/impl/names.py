@@ -1,4 +1,4 @@
-"""Reasons why a name is invalid, with the texts of rcl and rmw. The runtime contains the rules."""
+"""Reasons why a name is invalid, with the texts of rcl and rmw. The runtime of rosidl_py_gen contains the rules."""
 
 from __future__ import annotations
 
@@ -64,16 +64,20 @@ _RULES: dict[str, tuple[Callable[[str], NameFault | None], dict[NameRule, str]]]
         },
     ),
 }
-"""Kind of name -> the runtime's check, and the text of rcl or rmw for each of its rules."""
+"""Kind of name -> function of the runtime that checks it, and the text of rcl or rmw for each rule."""
 _VALID_IN_RCL_ONLY = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
-"""Names that rcl accepts: ``~x``, which it expands as ``~/x``, and ``{}``, which it refuses later."""
+"""Pattern of names that only rcl accepts: ``~x``, which it expands as ``~/x``, and ``{}``, which it refuses later."""
 
 
 def name_error(kind: str, name: str) -> tuple[str, int] | None:
-    """Return reason and index of the error of a name, None if it is valid.
+    """Return the reason why a name is invalid, and the index of the invalid character; None if the name is valid.
 
     Args:
         kind: ``topic name`` (also of services, before expansion), ``full topic name``, ``namespace`` or ``node name``.
+        name: name to check.
+
+    Raises:
+        TypeError: the name is not a string.
     """
     if not isinstance(name, str):
         raise TypeError(f"name must be a str, got {name!r:.100}")
@@ -92,7 +96,7 @@ def name_error(kind: str, name: str) -> tuple[str, int] | None:
 
 
 def require_valid(kind: str, name: str, error: Callable[[str, str, int], Exception]) -> Literal[True]:
-    """Return True for a valid name; raise an exception with the name, the reason and the index for others."""
+    """Return True for a valid name; for others raise the exception that `error` makes of name, reason and index."""
     fault = name_error(kind, name)
     if fault is not None:
         raise error(name, *fault)

@@ -1,4 +1,4 @@
-"""Requests of service clients that wait for their responses, for clients of services and of actions."""
+"""Requests that wait for their responses, of clients of services and actions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class PendingRequests:
-    """Requests of one client of the runtime, by sequence number. Thread: any.
+    """Unanswered requests of one client of the runtime, by sequence number. Thread: any.
 
     Args:
         client: client that sends the requests.
@@ -40,7 +40,10 @@ class PendingRequests:
         self._sequence_numbers = itertools.count(1)
 
     def send(self, request: Any, subject: Any = None) -> Future[Any]:
-        """Send a request and return a future for the caller of `take` to end; `take` returns `subject` as well."""
+        """Send a request, and return the future of its response.
+
+        The caller of `take` gets future, `subject` and response, and must set the result of the future.
+        """
         future: Future[Any] = Future()
         response_future = self.client.send_request(request)
         with self.lock:
@@ -52,7 +55,7 @@ class PendingRequests:
         return future
 
     def discard(self, future: Future[Any]) -> None:
-        """Forget a request, so that its response is ignored."""
+        """Forget the request of a future, so that its response is ignored."""
         with self.lock:
             sequence_number = next((key for key, other in self.futures.items() if other is future), None)
             if sequence_number is None:
@@ -70,7 +73,10 @@ class PendingRequests:
         self._notify()
 
     def take(self) -> tuple[Future[Any] | None, Any, ResponseFuture] | None:
-        """Return the future and the subject of a request, None if it was discarded, and its response."""
+        """Return the next response with the future and the subject of its request, or None if no response has arrived.
+
+        Future and subject are None if the request was discarded.
+        """
         if not self.responses:
             return None
         try:
@@ -83,7 +89,7 @@ class PendingRequests:
 
 
 def wait_until_done(future: Future[Any], timeout_sec: float | None = None) -> bool:
-    """Wait for a future while an executor in another thread ends it; return False if the time has passed."""
+    """Wait for a future while an executor in another thread runs; return False if the time has passed."""
     event = threading.Event()
     future.add_done_callback(lambda _: event.set())
     return event.wait(timeout_sec)

@@ -1,4 +1,4 @@
-"""Loggers of rclpy; rosidl_py_gen's loggers decide about levels and outputs."""
+"""Loggers of rclpy; the loggers of rosidl_py_gen decide about levels and outputs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from rosidl_py_gen import runtime
 runtime.print_logs()  # rclpy's loggers print before `rclpy.init`, too
 
 _internal_callers = [__file__, os.path.join(os.path.dirname(os.path.dirname(__file__)), "logging.py")]
-"""Substrings of files whose frames are not call sites; wrappers of loggers may add their own."""
+"""Parts of paths of files whose frames are not call sites; wrappers of loggers may add their own paths."""
 
 
 def _find_caller(frame: FrameType) -> tuple[FrameType, int]:
-    """Return the first frame from here up that is not internal, and the number of frames below it."""
+    """Return the first frame from here upwards that is not internal, and the number of frames below it."""
     depth = 0
     while frame.f_back is not None and any(part in frame.f_code.co_filename for part in _internal_callers):
         frame = frame.f_back
@@ -37,7 +37,7 @@ class _Site(NamedTuple):
 
 
 class CallerId(_Site):
-    """Call site of a logger; two calls in one line differ in `last_index`."""
+    """Call site of a logger; two calls in one line of the program differ in `last_index`."""
 
     def __new__(cls, frame: FrameType | None = None) -> CallerId:
         frame = _find_caller(sys._getframe())[0] if frame is None else frame
@@ -46,27 +46,27 @@ class CallerId(_Site):
 
 
 class LoggingFilter:
-    """Filter that decides for each call site whether a record passes.
+    """Base of filters that decide for each call site which records are logged.
 
-    `params` has its options, with None for required ones.
+    The dict `params` contains the filter's options with their defaults, None for required options.
     """
 
     params: ClassVar[dict[str, Any]] = {}
 
     @classmethod
     def initialize_context(cls, context: dict[str, Any], **kwargs: Any) -> None:
-        """Store the options of the first call."""
+        """Store the options of the first logging call at a call site."""
         for param, default in cls.params.items():
             context[param] = kwargs.get(param, default)
 
     @staticmethod
     def should_log(context: dict[str, Any]) -> bool:
-        """Return True if this record passes."""
+        """Return True if the filter passes the current record."""
         return True
 
 
 class Once(LoggingFilter):
-    """Filter that only the first record passes."""
+    """Filter that passes only the first record of a call site."""
 
     params: ClassVar[dict[str, Any]] = {"once": None}
 
@@ -78,7 +78,7 @@ class Once(LoggingFilter):
 
 
 class Throttle(LoggingFilter):
-    """Filter that a record passes `throttle_duration_sec` after the last passed one, by a clock."""
+    """Filter that passes at most one record of a call site in `throttle_duration_sec` seconds of a clock."""
 
     params: ClassVar[dict[str, Any]] = {"throttle_duration_sec": None, "throttle_time_source_type": Clock()}
 
@@ -100,7 +100,7 @@ class Throttle(LoggingFilter):
 
 
 class SkipFirst(LoggingFilter):
-    """Filter that all records except the first pass."""
+    """Filter that passes all records of a call site except the first."""
 
     params: ClassVar[dict[str, Any]] = {"skip_first": None}
 
@@ -114,11 +114,15 @@ class SkipFirst(LoggingFilter):
 supported_filters: OrderedDict[str, type[LoggingFilter]] = OrderedDict(
     throttle=Throttle, skip_first=SkipFirst, once=Once
 )
-"""Filters in the order of their evaluation."""
+"""Filters by name, in the order of their evaluation."""
 
 
 def get_filters_from_kwargs(**kwargs: Any) -> list[str]:
-    """Return the names of the filters for options; raise TypeError for unknown and for missing options."""
+    """Return the names of the filters that the options of a logging call request.
+
+    Raises:
+        TypeError: an option is unknown, or a required option is missing.
+    """
     known_params = [param for filter_ in supported_filters.values() for param in filter_.params]
     requested = [
         name for name, filter_ in supported_filters.items() if any(kwargs.get(param) for param in filter_.params)
@@ -148,13 +152,13 @@ class RcutilsLogger:
         self.contexts: dict[CallerId, dict[str, Any]] = {}
 
     def get_child(self, name: str) -> RcutilsLogger:
-        """Return the logger ``<this name>.<name>``; raise ValueError for an empty name."""
+        """Return the logger ``<name of this logger>.<name>``; raise ValueError for an empty name."""
         if not name:
             raise ValueError("Child logger name must not be empty.")
         return RcutilsLogger(f"{self.name}.{name}" if self.name else name)
 
     def set_level(self, level: int) -> None:
-        """Set the lowest severity to log, UNSET to inherit it; raise ValueError for other numbers."""
+        """Set the lowest severity that is logged, UNSET to inherit it; raise ValueError for other numbers."""
         rclpy_logging_set_logger_level(self.name, LoggingSeverity(level))
 
     def get_effective_level(self) -> LoggingSeverity:
@@ -166,7 +170,7 @@ class RcutilsLogger:
         return runtime.get_logger(self.name).isEnabledFor(LoggingSeverity(severity))
 
     def log(self, message: str, severity: int, **kwargs: Any) -> bool:
-        """Log at a severity, by default with the name of the logger; raise TypeError unless the message is a str."""
+        """Log a message at a severity, by default with the name of the logger; raise TypeError unless it is a str."""
         if not self.is_enabled_for(severity):
             return False
         severity = LoggingSeverity(severity)
@@ -216,7 +220,7 @@ class RcutilsLogger:
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 
     def warn(self, message: str, **kwargs: Any) -> bool:
-        """Log at WARN; `warning` is the preferred name."""
+        """Log a message at severity WARN; `warning` is the preferred name."""
         return self.warning(message, **kwargs)
 
     def error(self, message: str, **kwargs: Any) -> bool:

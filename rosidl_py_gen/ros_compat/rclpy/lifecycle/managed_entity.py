@@ -12,17 +12,24 @@ TransitionCallbackReturn = TransitionCallbackReturnType
 
 
 class ManagedEntity:
-    """Entity that accepts every transition; subclasses override methods. `state` is the previous `LifecycleState`."""
+    """Base of entities that follow the transitions of a lifecycle node, and by default accept every transition.
+
+    Subclasses override methods, whose argument `state` is the previous `LifecycleState`.
+    """
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Follow a transition, as the methods below; `on_error` follows a callback that raised or returned ERROR."""
+        """Accept the transition to inactive by returning SUCCESS; an override may return FAILURE or ERROR.
+
+        The methods `on_cleanup`, `on_shutdown`, `on_activate` and `on_deactivate` do the same for their transitions.
+        `on_error` follows a callback that raised or returned ERROR.
+        """
         return TransitionCallbackReturn.SUCCESS
 
     on_cleanup = on_shutdown = on_activate = on_deactivate = on_error = on_configure
 
 
 class SimpleManagedEntity(ManagedEntity):
-    """Managed entity with the state active or inactive."""
+    """Managed entity that is either active or inactive."""
 
     def __init__(self) -> None:
         self._enabled = False
@@ -43,7 +50,7 @@ class SimpleManagedEntity(ManagedEntity):
     def when_enabled(
         wrapped: Callable[..., Any] | None = None, *, when_not_enabled: Callable[[], Any] | None = None
     ) -> Callable[..., Any]:
-        """Decorate a method that runs only while the entity is active; else `when_not_enabled()` is called."""
+        """Decorate a method that must run only while the entity is active; otherwise `when_not_enabled()` is called."""
 
         def decorate(method: Callable[..., Any]) -> Callable[..., None]:
             @wraps(method)

@@ -31,13 +31,13 @@ _CALLBACKS = {
     "deactivating": "on_deactivate",
     "errorprocessing": "on_error",
 }
-"""Transition state -> method that runs in it."""
+"""Transition state -> name of the node's method that runs in the state."""
 _TransitionTuple = tuple[int, str, int, str, int, str]
-"""Id and label of a transition, of its start state and of its goal state."""
+"""Transition as a tuple: id and label of the transition, of its start state and of its goal state."""
 
 
 class LifecycleStateMachine:
-    """State of a lifecycle node, which passes each transition to `on_transition`."""
+    """State of a lifecycle node; calls `on_transition` with each transition."""
 
     initialized = True
 
@@ -47,7 +47,7 @@ class LifecycleStateMachine:
 
     @property
     def current_state(self) -> tuple[int, str]:
-        """Id and label of the state."""
+        """Id and label of the current state."""
         return int(self._state), self._state.label
 
     @property
@@ -64,15 +64,15 @@ class LifecycleStateMachine:
         return [_as_tuple(transition) for transition in runtime.LIFECYCLE_TRANSITIONS]
 
     def get_transition_by_label(self, label: str) -> int:
-        """Return the id of a transition from the current state; raise RCLError if there is none."""
+        """Return the id of the transition from the current state with a label; raise RCLError if there is none."""
         return self._find_transition(label, "label").id
 
     def trigger_transition_by_id(self, transition_id: int) -> None:
-        """Change the state; raise RCLError if the transition does not start in the current one."""
+        """Change the state by the transition with an id; raise RCLError if it does not start in the current state."""
         self._apply(self._find_transition(transition_id, "id"))
 
     def trigger_transition_by_label(self, label: str) -> None:
-        """Change the state; raise RCLError if the transition does not start in the current one."""
+        """Change the state by the transition with a label; raise RCLError if it does not start in the current state."""
         self._apply(self._find_transition(label, "label"))
 
     def _find_transition(self, key: str | int, attribute: str) -> runtime.Transition:
@@ -93,7 +93,7 @@ def _as_tuple(transition: runtime.Transition) -> _TransitionTuple:
 
 
 class LifecycleState(NamedTuple):
-    """State of a lifecycle node; callbacks receive the previous one."""
+    """State of a lifecycle node; callbacks get the previous state."""
 
     label: str
     state_id: int
@@ -104,7 +104,7 @@ class LifecycleNodeMixin(ManagedEntity):
 
     Args:
         enable_communication_interface: serve the five services that read and change the state.
-        callback_group: group of these services. [default: the node's]
+        callback_group: group of the five services. [default: the node's default group]
     """
 
     def __init__(
@@ -146,26 +146,26 @@ class LifecycleNodeMixin(ManagedEntity):
         self._rosidl_transition_events.publish(message)
 
     def trigger_configure(self) -> TransitionCallbackReturn:
-        """Change from unconfigured to inactive, as `on_configure` decides; raise RCLError in other states."""
+        """Change from unconfigured to inactive, if `on_configure` returns SUCCESS; raise RCLError in other states."""
         return self._rosidl_change_state(_Transition.TRANSITION_CONFIGURE)
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
-        """Change from inactive to unconfigured."""
+        """Change from inactive to unconfigured, if `on_cleanup` returns SUCCESS; raise RCLError in other states."""
         return self._rosidl_change_state(_Transition.TRANSITION_CLEANUP)
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
-        """Change from unconfigured, inactive or active to finalized."""
+        """Change from unconfigured, inactive or active to finalized; raise RCLError in other states."""
         name = f"TRANSITION_{self._rosidl_machine.current_state[1].upper()}_SHUTDOWN"
         if not hasattr(_Transition, name):
             raise RCLError("Shutdown transtion not possible")  # spelled as in rclpy
         return self._rosidl_change_state(getattr(_Transition, name))
 
     def trigger_activate(self) -> TransitionCallbackReturn:
-        """Change from inactive to active."""
+        """Change from inactive to active, if `on_activate` returns SUCCESS; raise RCLError in other states."""
         return self._rosidl_change_state(_Transition.TRANSITION_ACTIVATE)
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
-        """Change from active to inactive."""
+        """Change from active to inactive, if `on_deactivate` returns SUCCESS; raise RCLError in other states."""
         return self._rosidl_change_state(_Transition.TRANSITION_DEACTIVATE)
 
     def _rosidl_change_state(self, transition_id: int) -> TransitionCallbackReturn:
@@ -201,7 +201,10 @@ class LifecycleNodeMixin(ManagedEntity):
         return TransitionCallbackReturn.SUCCESS
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Call the managed entities up to the first that does not succeed; overrides of on_... should call it."""
+        """Call `on_configure` of the managed entities, up to the first that does not succeed, and return its result.
+
+        Overrides of this and the other ``on_...`` methods should call the base method.
+        """
         return self._rosidl_call_entities("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -220,13 +223,13 @@ class LifecycleNodeMixin(ManagedEntity):
         return self._rosidl_call_entities("on_error", state)
 
     def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Make an entity follow the transitions; raise TypeError unless it is a ManagedEntity."""
+        """Make an entity follow the transitions of the node; raise TypeError unless it is a ManagedEntity."""
         if not isinstance(entity, ManagedEntity):
             raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
         self._rosidl_entities.add(entity)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
-        """Create a publisher that publishes while the node is active; see `Node.create_publisher`."""
+        """Create a publisher that sends only while the node is active; arguments as for `Node.create_publisher`."""
         if "publisher_class" in kwargs:
             raise TypeError("create_publisher() got an unexpected keyword argument 'publisher_class'")
         publisher = self._rosidl_as_node().create_publisher(*args, **kwargs, publisher_class=LifecyclePublisher)
@@ -235,7 +238,7 @@ class LifecycleNodeMixin(ManagedEntity):
         return publisher
 
     def destroy_lifecycle_publisher(self, publisher: LifecyclePublisher) -> bool:
-        """Destroy such a publisher; see `Node.destroy_publisher`."""
+        """Destroy a publisher of `create_lifecycle_publisher`; return False if it does not belong to this node."""
         self._rosidl_entities.discard(publisher)
         return self._rosidl_as_node().destroy_publisher(publisher)
 

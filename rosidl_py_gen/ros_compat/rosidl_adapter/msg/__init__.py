@@ -1,4 +1,4 @@
-"""Types of IDL for the types of .msg files."""
+"""Table of the IDL types for the types in .msg files."""
 
 MSG_TYPE_TO_IDL = {
     "bool": "boolean",
