@@ -1,6 +1,9 @@
-"""Settings all tests share: hypothesis without deadlines, how long the fuzzers run, Ctrl-C as in a terminal, and which
-tests are quick: without processes, DDS, Zenoh and oracles, with a tenth of the examples and of a test's many cases.
-Core tests are the quick ones and those of nodes on DDS in one process.
+"""Settings that all tests share: which tests are core tests, nodes on the loopback interface only, Hypothesis without
+deadlines, and Ctrl-C as in a terminal.
+
+Core tests are those of `core/` that run in this process, in memory or on DDS: all that are neither marked `slow` or
+`needs` nor run on Zenoh; of a test with very many cases only a part. ``pytest tests/core`` and ``pytest -m core`` run
+them, with a tenth of the random examples.
 """
 
 from __future__ import annotations
@@ -21,47 +24,21 @@ from types import ModuleType
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
+from support import generated_packages
 from support.environments import cache_folder, require
 from support.example_counts import examples
+from support.local_network import only_loopback
 from support.without_message_packages import restart_without_message_packages
+from support.worlds import dds, memory, network, pytest_pyfunc_call, world
 
 from rosidl_py_gen.base.resources import WITHOUT_WHEELS, missing_extra_message
 from rosidl_py_gen.runtime.transport.cyclone import library
 
-NOT_QUICK = re.compile(
-    r"interop|oracle|test_code_blocks|test_site|test_stress|test_wheel|test_two_processes|test_examples"
-    r"|test_notebooks|test_scale|test_packages|_typing|test_pytest_plugin|process|test_runner|transport/|test_foxglove"
-    r"|tests/ros_compat/|test_zenoh|a_thread_that_reads_on|test_command_line|test_install_hints|test_libddsc|test_setup_py|test_setup_idioms|test_package_bounds|test_completion|tests/generator_cli/|cmake_agrees|type_checkers|importing"
-    r"|forked_child|broken_cyclonedds_uri|cyclonedds_itself|ctrl_c|prototypes_survive|comes_from_standard_input"
-    r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
-    r"|every_byte|need_little_memory|two_thousand_fields|maximum_of_fields|every_error_class|bytes_of_a_database_may_be_wrong"
-    r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood|pages_hide_nothing"
-    r"|against_rclpy|rclpy_messages/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
-    r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"
-    r"|companions/|ros_cli/test_run|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
-    r"|fuzz/|_random|against_|cdr/test_peers|tables/test_(dataset|blocks|writing|many)|bags/test_edges|test_threads_and_loops|converted_without_its_writer|compatibility/test_old_data"
-    r"|test_docstrings|test_public_face|very_deep_and_very_wide|works_on_zenoh_is|none_of_many_calls"
-    r"|killed_recorder|interrupts_no_wait|hundred_goals|thousand_goals|every_message_of_the_checkout|for_the_same_reason"
-    r"|whole_bags_show_progress|pipes_get_results_only|listed_at_80_columns|the_environment_selects|no_compiler_for_the_selection"
-    r"|hook_uses_a_distribution|test_prefix|test_launch|test_package_tests"
-)
-"""Tests and files of tests that start processes, or take long by themselves."""
-MANY_CASES = 400
-"""A quick run has the same part of so many cases of a test as of random examples, at least; they are evenly spread."""
-OF_PROCESSES = {
-    "browser",
-    "dds",
-    "network",
-    "rosidl",
-    "start_peer",
-    "topic_peer",
-    "run_page",
-    "clean",
-    "tool",
-    "run_here",
-    "pytester",
-}
-"""Fixtures that start processes."""
+CORE = Path(__file__).parent / "core"
+MANY_CASES = 40
+"""Of a test with more cases, this number or a tenth is core, evenly spread."""
+__all__ = ["dds", "generated_packages", "memory", "network", "only_loopback", "pytest_pyfunc_call", "world"]
+
 NOT_EVERYWHERE = {
     "libddsc": r"cyclonedds|rosidl_py_gen\.runtime\.transport\.cyclone",
     "fcntl": "fcntl|private_network",
@@ -74,9 +51,6 @@ ONLY_IN_TEST_ALL = {
     "pyarrow", "pycdr2", "rosbags", "ruff", "s3fs", "trustme", "upath", "uv", "uvloop", "xacro",
 }  # fmt: skip
 """Modules that the extra `test-all` installs and `test` does not."""
-PASSED_FILE = os.environ.get("ROSIDL_TEST_PASSED", "")
-"""A file to which quick runs add the tests that pass; other runs leave those out that would do the same again."""
-
 _SHRINKING_S = 900
 """Timeout of a random test: Hypothesis takes up to 300 s to shrink a failing example, and reports it afterwards."""
 _MEMORY = Path("/dev/shm")
@@ -91,14 +65,14 @@ def is_there(name: str) -> bool:
 def pytest_configure(config: pytest.Config) -> None:
     if "PYTEST_XDIST_WORKER" not in os.environ:
         restart_without_message_packages(config)
-    if _is_quick(config):
+    if not config.getoption("-m") and [config.invocation_params.dir / argument for argument in config.args] == [CORE]:
+        config.option.markexpr = "core"
+    if _runs_core(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
         # Workers return freed memory to the system; else each would keep 80 MB of it.
         for name, value in {"ARENA_MAX": 2, "TRIM_THRESHOLD_": 1 << 17, "MMAP_THRESHOLD_": 1 << 17}.items():
             os.environ.setdefault(f"MALLOC_{name}", str(value))
-        config.pluginmanager.register(WithoutSlowFiles())
-        if PASSED_FILE and "PYTEST_XDIST_WORKER" not in os.environ:
-            config.pluginmanager.register(_PassedTests())
+        config.pluginmanager.register(_OnlyCoreFolder())
     sys.meta_path.insert(0, _WithoutAssertions())
     if "PYTEST_XDIST_WORKER" not in os.environ:
         if sys.dont_write_bytecode:  # else the first of hundreds of processes does it
@@ -128,15 +102,6 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-class _PassedTests:
-    """Records the tests that pass."""
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if report.when == "call" and report.passed:
-            with open(PASSED_FILE, "a", encoding="utf-8") as file:
-                print(report.nodeid, file=file)
-
-
 class _WithoutAssertions:
     """Loads the package as Python does: pytest would rewrite the assertions of its hundreds of modules in every run."""
 
@@ -149,12 +114,12 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-class WithoutSlowFiles:
-    """Skip collecting files without quick tests, to save import time."""
+class _OnlyCoreFolder:
+    """Skip collecting other folders, to save import time."""
 
-    def pytest_ignore_collect(self, collection_path: Path, config: pytest.Config) -> bool | None:
-        inside = collection_path.is_relative_to(config.rootpath)
-        return True if inside and NOT_QUICK.search(collection_path.relative_to(config.rootpath).as_posix()) else None
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        is_above = collection_path in CORE.parents
+        return None if is_above or collection_path.is_relative_to(CORE) else True
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
@@ -189,7 +154,9 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip tests marked `needs` for a module that is not installed."""
+    """Skip tests marked `needs` for a module that is not installed, and tests on DDS without a libddsc."""
+    if item.get_closest_marker("dds") is not None and not is_there("libddsc"):
+        pytest.skip("needs libddsc")
     for mark in item.iter_markers("needs"):
         for name in mark.args:
             require(name)
@@ -206,47 +173,41 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-def _is_quick(config: pytest.Config) -> bool:
-    return str(config.getoption("-m")) in {"quick", "core"}
+def _runs_core(config: pytest.Config) -> bool:
+    return str(config.getoption("-m")) == "core"
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the core tests `core`, and tests on a transport with its name."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if is_hypothesis_test(getattr(item, "obj", None)):
             item.add_marker(pytest.mark.timeout(_SHRINKING_S))
-        fixtures = set(getattr(item, "fixturenames", ()))
-        if "memory" in fixtures:
-            fixtures.discard("tool")
-        transport = getattr(getattr(item, "callspec", None), "params", {}).get("world", "memory")
-        if fixtures & OF_PROCESSES or NOT_QUICK.search(item.nodeid):
-            continue
-        if transport in ("memory", "dds"):
-            item.add_marker(pytest.mark.core)
-        if transport == "memory":
-            item.add_marker(pytest.mark.quick)
-        if item.get_closest_marker(str(config.getoption("-m"))):
+        fixtures = getattr(item, "fixturenames", ())
+        parameters = getattr(getattr(item, "callspec", None), "params", {})
+        is_dds = "dds" in fixtures and "dds" not in parameters
+        transport = parameters.get("world") or parameters.get("network") or ("dds" if is_dds else "memory")
+        if transport in ("dds", "zenoh"):
+            item.add_marker(transport)
+        is_slow = item.get_closest_marker("slow") is not None or item.get_closest_marker("needs") is not None
+        if item.path.is_relative_to(CORE) and not is_slow and transport != "zenoh":
             cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    if _is_quick(config):
-        selected = {item for of_one in cases.values() for item in of_one[:: _step(len(of_one))]}
-        config.hook.pytest_deselected(items=[item for item in items if item not in selected])
-        items[:] = [item for item in items if item in selected]
-    elif PASSED_FILE and os.path.exists(PASSED_FILE):
-        passed = set(Path(PASSED_FILE).read_text(encoding="utf-8").splitlines())
-        items[:] = [item for item in items if item.nodeid not in passed]
+    for of_one in cases.values():
+        for item in of_one[:: _step(len(of_one))]:
+            item.add_marker(pytest.mark.core)
 
 
 def _step(cases: int) -> int:
-    return max(1, cases // max(examples(MANY_CASES), examples(cases)))
+    return max(1, cases // max(MANY_CASES, cases // 10))
 
 
 @pytest.fixture(autouse=True)
-def no_processes_in_quick_runs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Fail quick tests that start a process."""
-    if _is_quick(request.config):
+def no_processes_in_core_tests(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Fail core tests that start a process."""
+    if request.node.get_closest_marker("core") is not None:
 
         def refuse(self: object, *arguments: object, **options: object) -> None:
-            raise AssertionError(f"{request.node.nodeid} starts a process and is marked as quick: {arguments}")
+            raise AssertionError(f"{request.node.nodeid} starts a process: mark it slow ({arguments})")
 
         monkeypatch.setattr(subprocess.Popen, "__init__", refuse)
     yield

@@ -10,7 +10,7 @@ The rules for every text, which may come from an untrusted file or peer:
 - A key is the text that is written there. PyYAML would convert it, and a dict of integers chosen by an attacker takes
   quadratic time.
 
-`tests/base/test_yaml_text.py` has the cases.
+`tests/core/base/test_yaml_text.py` has the cases.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime import Node
-    from support.node_fixtures import World
+    from support.worlds import World
 
 SERVICE_OFF = {"start_type_description_service": False}
 _numbers = itertools.count()

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from support.environments import rclpy_python
-from support.node_fixtures import DOMAINS, ROOT, new_domain_id
+from support.folders import ROOT
+from support.local_network import DOMAINS, new_domain_id
 from support.program_processes import RUN, run_in_domain
 
 T = TypeVar("T")
@@ -22,7 +23,7 @@ _domains: list[int] = []
 async def at_once(jobs: Iterable[Callable[[int], Awaitable[T]]]) -> list[T | BaseException]:
     """Return the results of jobs in their order; an exception that a job raised is its result.
 
-    A job is given a domain that is its own while it runs, and so is the one `node_fixtures.DOMAINS` behind that.
+    A job is given a domain that is its own while it runs, and so is the one `local_network.DOMAINS` behind that.
     """
     _domains.extend(new_domain_id() for _ in range(AT_ONCE - len(_domains)))
     free: asyncio.Queue[int] = asyncio.Queue()

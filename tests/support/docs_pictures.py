@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
-IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
+from support.folders import ROOT
+
+IMAGES = ROOT / "docs" / "images"
 
 
 def update_picture(name: str, data: bytes) -> None:

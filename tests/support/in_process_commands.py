@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import pytest
 
-    from support.node_fixtures import World
+    from support.worlds import World
 
 _HERE: contextvars.ContextVar[dict[str, asyncio.StreamReader]] = contextvars.ContextVar(
     "streams of the command that runs here"

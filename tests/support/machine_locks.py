@@ -10,6 +10,8 @@ from pathlib import Path
 if sys.platform != "win32":
     import fcntl
 
+_FOLDER = Path(tempfile.gettempdir())  # tests may select another
+
 
 def lock(name: str, *, wait: bool) -> int | None:
     """Return a descriptor that holds the lock until it is closed or this process ends.
@@ -39,4 +41,4 @@ def holds(descriptor: int, name: str) -> bool:
 
 
 def _path(name: str) -> Path:
-    return Path(tempfile.gettempdir(), f"rosidl-py-gen-tests-{name}.lock")
+    return _FOLDER / f"rosidl-py-gen-tests-{name}.lock"

@@ -11,7 +11,8 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from support.folders import ROOT, TESTS
+
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 _FENCE = re.compile(r"^(?P<indent> *)```(?P<language>\w*)(?P<info>[^`]*)$")
@@ -100,3 +101,10 @@ def named_tests(text: str) -> list[tuple[str, str]]:
         file = file if first == "…" else first
         found.append((file, function))
     return found
+
+
+def find_test_file(name: str) -> Path:
+    """Return the path of a file of tests, which documentation names without its folder `core`, `slow` or `peers`."""
+    kinds = (TESTS / "core", TESTS / "slow", TESTS / "peers")
+    places = [kind / room / name for kind in kinds for room in ("", "project")]
+    return next((place for place in places if place.is_file()), TESTS / name)

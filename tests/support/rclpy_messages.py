@@ -10,6 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from rosidl_py_gen import install_import_hook
 from rosidl_py_gen.base.names import KINDS, py_name
 from rosidl_py_gen.type_loading import class_lookup
@@ -58,4 +60,11 @@ def rclpy_class(name: str) -> Any:
 @contextmanager
 def rclpy_flavour() -> Iterator[None]:
     with hooked(message_api="rclpy", path=str(INTERFACES), override_installed=True):
+        yield
+
+
+@pytest.fixture(scope="module")
+def message_api() -> Iterator[None]:
+    """Make the import hook find messages of rclpy's API."""
+    with rclpy_flavour():
         yield

@@ -1,7 +1,7 @@
 """Reference compilers as oracles: two releases of the rosidl tool chain, and the comparison with ours.
 
 They come from PyPI (tests/support/environments.py), each into an environment of its own, and answer as processes that
-stay (tests/compiler/frontend/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
+stay (tests/support/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
 differ, or we differ from them on purpose, a table in the tests says so.
 """
 
@@ -38,7 +38,7 @@ from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_
 from rosidl_py_gen.errors import InvalidNameError
 from support.environments import cache_folder, environment
 
-_SERVER = Path(__file__).parents[1] / "compiler" / "frontend" / "rosidl_server.py"
+_SERVER = Path(__file__).with_name("rosidl_server.py")
 RELEASES = {"jazzy": ("4.6.6", "1.8.1"), "kilted": ("4.9.5", "1.11.0")}  # rosidl, ament_index_python
 
 # name, text, format

@@ -13,7 +13,7 @@ import termios
 from contextlib import suppress
 from dataclasses import dataclass
 
-from support.node_fixtures import GENERATED
+from support.generated_packages import GENERATED
 
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 _DEADLINE_S = 60

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import xxhash
 import zenoh
 
-from support.node_fixtures import domain_id, zenoh_router
+from support.local_network import domain_id, zenoh_router
 
 if TYPE_CHECKING:
     from collections.abc import Callable

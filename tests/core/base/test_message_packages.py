@@ -1,0 +1,68 @@
+"""The table of well-known message packages, and the download notes made from it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from support.folders import ROOT
+
+from rosidl_py_gen.base import message_packages
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.message_packages import download_note
+
+FILE = Path(message_packages.__file__).with_name("message_packages.txt")
+LINES = FILE.read_text(encoding="utf-8").splitlines()
+ROWS = [line.split() for line in LINES if not line.startswith("#")]
+PACKAGES = sorted({name for row in ROWS for name in row[5:]})
+BUNDLED = {path.name for path in (ROOT / "interfaces").glob("**/")}
+
+
+def test_message_package_table_is_small_and_states_source_and_date() -> None:
+    assert 150 <= len(PACKAGES) <= 200 and FILE.stat().st_size <= 20_000
+    assert re.search(r"Source: github\.com/ros/rosdistro, [0-9a-f]{10} of 20\d\d-\d\d-\d\d", LINES[0])
+    assert not BUNDLED & set(PACKAGES)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+def test_table_row_has_repository_branch_for_each_distribution_and_packages(row: list[str]) -> None:
+    repository, *branches = row[:5]
+    assert re.fullmatch(r"(https://[\w.-]+/)?[\w.-]+/[\w./-]+", repository) and not repository.endswith(".git")
+    assert len(branches) == len(DISTRIBUTIONS) and branches[0] != "=" and set(branches) != {"-"}
+    assert all(re.fullmatch(r"[\w./-]+|=", branch) and not branch.startswith("--") for branch in branches)
+    assert row[5:] and all(re.fullmatch(r"[a-z]\w+", package) for package in row[5:])
+
+
+@pytest.mark.parametrize("distro", DISTRIBUTIONS)
+def test_each_package_has_a_clone_command_for_each_distribution(distro: str) -> None:
+    command = re.compile(r"git clone --depth 1 --branch ([\w./-]+) (https://[\w./-]+); then use --path ([\w.-]+) ")
+    for package in PACKAGES:
+        found = command.search(download_note(package, distro))
+        assert found is not None and found[2].endswith("/" + found[3]) and found[1] not in ("-", "=")
+
+
+@pytest.mark.parametrize(
+    ("package", "distro", "text"),
+    [
+        ("control_msgs", "humble", "github.com/ros-controls/control_msgs, branch humble:"),
+        ("control_msgs", "jazzy", "github.com/ros-controls/control_msgs, branch jazzy:"),
+        ("nav2_msgs", "kilted", "navigation2, branch kilted:"),
+        ("px4_msgs", "jazzy", "github.com/PX4/px4_msgs, branch main:"),
+        ("gazebo_msgs", "kilted", "gazebo_ros_pkgs, branch ros2 (of humble; it has none for kilted):"),
+        ("rmf_task_msgs", "lyrical", "rmf_internal_msgs, branch main:"),
+        ("plansys2_msgs", "humble", "branch jazzy-devel (of jazzy; it has none for humble):"),
+    ],
+)
+def test_download_note_has_branch_of_the_distribution_or_the_nearest_one(package: str, distro: str, text: str) -> None:
+    assert text in download_note(package, distro)
+
+
+def test_download_note_is_empty_for_unknown_package_or_missing_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert download_note("my_robot_msgs", "jazzy") == download_note("std_msgs", "jazzy") == ""
+    monkeypatch.setattr(message_packages, "TABLE_FILE", Path("/nowhere"))
+    message_packages.package_rows.cache_clear()
+    try:
+        assert download_note("control_msgs", "jazzy") == ""
+    finally:
+        message_packages.package_rows.cache_clear()
