@@ -1,4 +1,4 @@
-"""Copy of everything in a bag besides messages, and counts of what the copy cannot store.
+"""Copy of everything in one or several bags besides messages, and counts of what the copy cannot store.
 
 Attachments, metadata records and schemas without a channel belong to the whole recording, so they are copied whatever
 topics and times are selected, as by ``mcap filter``. Metadata records come first and attachments last, so that chunks
@@ -17,7 +17,7 @@ from rosidl_py_gen.bags.mcap_writer import BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles, qos_text, recorder_data
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from rosidl_py_gen.bags.common import BagTopic
     from rosidl_py_gen.bags.metadata import BagMetadata
@@ -62,8 +62,8 @@ _REASONS = {
     "unknown_records": "only the program that wrote them knows their meaning",
     "unknown_tables": "rosbag2 has no such tables in SQLite files",
     "rosbag2_records": "they are not in the format of rosbag2",
-    "custom_data": "files of the bag state different values for a key; the last one is used",
-    "distributions": "files of the bag state several; a bag has one",
+    "custom_data": "the files state different values for a key; the last one is used",
+    "distributions": "the files state several; a bag has one",
     "listed_topics": "only metadata.yaml lists them",
     "unreadable_metadata": "its custom_data cannot be read",
 }
@@ -76,43 +76,53 @@ def find_all_channels(reader: BagReader) -> None:
     reader._read_unindexed()
 
 
+def has_attachments(reader: BagReader) -> bool:
+    """Return True if a bag has attachments that are not damaged."""
+    return any(True for file in reader._files for _ in file.attachments())
+
+
 class BagCopy:
-    """Copy of the contents of an open bag, except for its messages, into a new bag.
+    """Copy of the contents of open bags, except for their messages, into a new bag.
 
     Call `begin` before messages are written, and `end` after that.
 
     Attributes:
-        recording: data about the whole recording, from its files and ``metadata.yaml``.
+        recording: data about the whole recordings, from their files and ``metadata.yaml``.
         omitted: number of things that are not in the copy, by kind. Complete after `end`.
     """
 
-    def __init__(self, reader: BagReader, writer: BagWriter | SqliteWriter) -> None:
-        self._reader, self._writer = reader, writer
-        self.recording = RecordingData.of_bag(reader)
+    def __init__(self, readers: Sequence[BagReader], writer: BagWriter | SqliteWriter) -> None:
+        self._readers, self._writer = readers, writer
+        self.recording = RecordingData.of_bags(readers)
         self.omitted: Counter[str] = Counter()
 
-    def begin(self, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
+    def begin(self, channels: Sequence[Mapping[tuple[str, ...], BagTopic]]) -> list[dict[tuple[object, ...], BagTopic]]:
         """Copy metadata records, channels and unused schemas to the new bag.
 
         Args:
-            channels: the topics of the copy by the `key` of the original topic; the copy gets their types and
-                definitions.
+            channels: for each bag, the topics of the copy by the `key` of the original topic; the copy gets their types
+                and definitions.
 
         Returns:
-            The channels of the copy, by the `channel_key` of the original.
+            For each bag, the channels of the copy by the `channel_key` of the original.
         """
-        writer, files = self._writer, self._reader._files
+        writer = self._writer
+        files = [file for reader in self._readers for file in reader._files]
         self._pass_on_metadata()
-        for record in self._metadata_records():
+        for record in (record for file in files for record in file.metadata_records()):
             if record.name != ROSBAG2:
                 if isinstance(writer, BagWriter):
                     writer._copy_metadata(record)
                 else:
                     self.omitted["metadata_records"] += 1
-        targets = self._targets(channels)
-        for target in targets.values():
+        targets = [_targets(reader, known) for reader, known in zip(self._readers, channels, strict=True)]
+        if not isinstance(writer, BagWriter):
+            targets = self._one_of_each_topic(targets)
+        elif len(targets) > 1:
+            targets = _joined(targets)
+        for target in (target for each in targets for target in each.values()):
             writer.add_raw_topic(target)
-        for file in files:  # after the topics: SQLite bags have one definition for a type
+        for file in files:  # after the topics of all bags: SQLite bags have one definition for a type
             for schema in file.unused_schemas():
                 writer._add_schema(schema)
         return targets
@@ -120,7 +130,7 @@ class BagCopy:
     def end(self) -> None:
         """Copy attachments to the new bag, and complete the counts in `omitted`."""
         writer = self._writer
-        for file in self._reader._files:
+        for file in (file for reader in self._readers for file in reader._files):
             for attachment in file.attachments():
                 if isinstance(writer, BagWriter):
                     writer._copy_attachment(attachment)
@@ -133,17 +143,13 @@ class BagCopy:
             self.omitted["unknown_tables"] += file.unknown_tables()
         self.omitted = +(self.omitted + writer._omitted)
 
-    def _metadata_records(self) -> Iterator[StoredMetadata]:
-        for file in self._reader._files:
-            yield from file.metadata_records()
-
     def _pass_on_metadata(self) -> None:
         """Pass the profile, distribution and custom data of the recording to the writer."""
         recording = self.recording
         self.omitted += recording.omitted
-        metadata = self._reader._metadata
-        if metadata is not None and self._reader.path.is_dir():
-            self.omitted["listed_topics"] += len(listed_topics(metadata) - self._reader.topics.keys())
+        for reader in self._readers:
+            if reader._metadata is not None and reader.path.is_dir():
+                self.omitted["listed_topics"] += len(listed_topics(reader._metadata) - reader.topics.keys())
         profiles = recording.profiles
         profile = profiles[0] if profiles else "ros2"
         if isinstance(self._writer, BagWriter):
@@ -152,20 +158,12 @@ class BagCopy:
             self.omitted["profiles"] += len(set(profiles) - {"ros2", ""})
         self._writer._inherit(profile, recording.ros_distro, recording.custom_data, recording.values)
 
-    def _targets(self, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
-        targets = {}
-        for channel in self._reader._stored_channels:
-            known = channels.get(channel.key)
-            if known is not None:
-                targets[channel.channel_key] = with_listed_values(
-                    self._reader._metadata, _with_definition(channel, known)
-                )
-        return targets if isinstance(self._writer, BagWriter) else self._one_of_each_topic(targets)
-
-    def _one_of_each_topic(self, targets: dict[tuple[object, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
+    def _one_of_each_topic(
+        self, targets: list[dict[tuple[object, ...], BagTopic]]
+    ) -> list[dict[tuple[object, ...], BagTopic]]:
         """Return the channels of a SQLite copy by original key: channels of one topic and definition become one."""
         groups: dict[tuple[str, ...], list[BagTopic]] = {}
-        for target in targets.values():
+        for target in (target for each in targets for target in each.values()):
             groups.setdefault(target.key, []).append(target)
             self.omitted["channel_metadata"] += len((target.metadata or {}).keys() - {OFFERED_QOS, TYPE_HASH})
         merged = {}
@@ -180,7 +178,37 @@ class BagCopy:
                 qos = qos_text([one for text in readable for one in profiles[text]]) if readable else qos
             self.omitted["type_hashes"] += max(0, len(hashes) - 1)
             merged[key] = replace(group[0], offered_qos=qos, type_hash=hashes[0] if hashes else "")
-        return {key: merged[target.key] for key, target in targets.items()}
+        return [{key: merged[target.key] for key, target in each.items()} for each in targets]
+
+
+def _targets(reader: BagReader, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
+    targets = {}
+    for channel in reader._stored_channels:
+        known = channels.get(channel.key)
+        if known is not None:
+            targets[channel.channel_key] = with_listed_values(reader._metadata, _with_definition(channel, known))
+    return targets
+
+
+def _joined(targets: list[dict[tuple[object, ...], BagTopic]]) -> list[dict[tuple[object, ...], BagTopic]]:
+    """Join the channels of several bags that have equal definition, QoS and metadata, also of MCAP and SQLite."""
+    hashes: dict[tuple[object, ...], str] = {}
+    for target in (target for each in targets for target in each.values()):
+        if target.type_hash:
+            hashes.setdefault((target.key, target.definition_bytes), target.type_hash)
+    first: dict[tuple[object, ...], BagTopic] = {}
+    joined = []
+    for each in targets:
+        channels = {}
+        for channel_key, target in each.items():
+            definition = target.key, target.definition_bytes
+            known_hash = target.type_hash or hashes.get(definition, "")
+            qos = qos_profiles(target.offered_qos) or target.offered_qos  # releases write one profile differently
+            others = {key: text for key, text in (target.metadata or {}).items() if key not in (OFFERED_QOS, TYPE_HASH)}
+            key = definition, known_hash, repr(qos), tuple(sorted(others.items()))
+            channels[channel_key] = first.setdefault(key, replace(target, type_hash=known_hash))
+        joined.append(channels)
+    return joined
 
 
 class RecordingData:
@@ -202,12 +230,13 @@ class RecordingData:
         self.omitted: Counter[str] = Counter()
 
     @classmethod
-    def of_bag(cls, reader: BagReader) -> RecordingData:
-        """Return the data about a recording from all files of a bag and its ``metadata.yaml``."""
+    def of_bags(cls, readers: Iterable[BagReader]) -> RecordingData:
+        """Return the data about the recordings of bags, from all their files; later bags override earlier ones."""
         recording = cls()
-        for file in reader._files:
-            recording.add_file(file)
-        recording.add_metadata(reader._metadata)
+        for reader in readers:
+            for file in reader._files:
+                recording.add_file(file)
+            recording.add_metadata(reader._metadata)
         return recording
 
     def add_file(self, file: Storage) -> None:

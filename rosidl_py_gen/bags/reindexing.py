@@ -147,8 +147,8 @@ class _Repairs:
         else:
             with BagWriter(plain, compression=storage.chunk_compression()) as writer:
                 writer._statistics[-1].path = file.name.removesuffix(SUFFIX)
-                copy = BagCopy(reader, writer)
-                targets = copy.begin({channel.key: channel for channel in reader.channels})
+                copy = BagCopy([reader], writer)
+                (targets,) = copy.begin([{channel.key: channel for channel in reader.channels}])
                 numbers: dict[int, tuple[BagTopic, BagTopic]] = {}
                 for message in messages():
                     known = numbers.get(id(message.channel))
@@ -328,7 +328,7 @@ def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed
             if not survey.add(reader, file, size, needs_repair):
                 raise BagError(f"{file} already has an index, and no damage; it needs no reindexing")
             topics = len(reader.topics)
-            recording = RecordingData.of_bag(reader)
+            recording = RecordingData.of_bags([reader])
         repaired = repairs.replace_files()
     return Reindexed(
         file,

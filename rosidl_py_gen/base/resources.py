@@ -39,6 +39,7 @@ _EXTRA_OF = {
     "distributed": "cluster",
     "cryptography": "security",
     "PIL": "images",
+    "av": "video",
     "matplotlib": "plot",
     "plotext": "plot",
     "transforms3d": "transformations",

@@ -15,10 +15,16 @@ if TYPE_CHECKING:
 COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
     "action": ("Actions: list, find, type, info, send_goal.", {"find info list send_goal type": "action"}),
     "bag": (
-        "Recordings: record, play, info, convert, migrate, reindex; as tables: table, sql; as a plot: plot.\n\n"
+        "Recordings: record, play, info, convert, merge, migrate, reindex; as tables: table, sql; as a plot: plot; as "
+        "pictures: images, video.\n\n"
         "Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.",
         {
-            **{name: f"bag.{name}" for name in ("convert", "info", "migrate", "plot", "reindex", "sql", "table")},
+            **{
+                name: f"bag.{name}"
+                for name in ("convert", "info", "merge", "migrate", "plot", "reindex", "sql", "table")
+            },
+            "images": "bag.images",
+            "video": "bag.video",
             "play": "playback.command",
             "record": "recording.command",
         },

@@ -286,6 +286,11 @@ compression = click.option(
     show_default=True,
     help="Compression of the chunks in the file.",
 )
+without_definitions = click.option(
+    "--without-definitions",
+    is_flag=True,
+    help="Also copy topics without a known definition; they cannot be decoded without it.",
+)
 skip_damaged = click.option(
     "--skip-damaged",
     "skips",

@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 @options.bag_selection
 @options.compression
 @options.split_options
-@click.option(
-    "--without-definitions",
-    is_flag=True,
-    help="Also copy topics without a known definition; they cannot be decoded without it.",
-)
+@options.without_definitions
 @options.paths
 @options.as_json
 @verb
@@ -132,8 +128,8 @@ def copy_bag(
     from rosidl_py_gen.bags.copying import BagCopy
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar
 
-    copy = BagCopy(reader, writer)
-    targets = copy.begin(channels)
+    copy = BagCopy([reader], writer)
+    (targets,) = copy.begin([channels])
     total = sum(channel.count or 0 for channel in channels.values())
     expected = total * selection.part_of(reader)
     count = 0

@@ -16,6 +16,8 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from support.bag_samples import memory_limit
 from support.example_counts import examples
@@ -130,6 +132,42 @@ def test_conversion_to_sqlite_counts_records_that_are_not_copied(original: Rando
     assert messages == expected
     assert topics == {channel[0] for channel in contents.channels}
     assert done["not_carried_over"] == dict(+counted)
+
+
+def without_empty_values(channel: Any) -> Any:
+    """Return a channel without empty QoS and hash, which are not channels of their own in a merged bag."""
+    topic, encoding, values, schema = channel
+    return topic, encoding, tuple(one for one in values if one[1] or one[0] == "my_key"), schema
+
+
+@settings(max_examples=examples(40))
+@given(st.lists(random_files(), min_size=2, max_size=3))
+def test_merge_copies_every_record_of_all_bags_in_order(originals: list[RandomFile]) -> None:
+    private = sum(one.contents.private_count for one in originals)
+    profiles = len({one.contents.profile for one in originals} - {originals[0].contents.profile, ""})
+    with TemporaryDirectory() as name:
+        paths = [Path(name) / f"{number}.mcap" for number in range(len(originals))]
+        for path, original in zip(paths, originals, strict=True):
+            path.write_bytes(original.data)
+        done = run("merge", Path(name) / "out.mcap", *paths, "--without-definitions")
+        copy = read_contents(Path(name) / "out.mcap")
+        with (Path(name) / "out.mcap").open("rb") as stream:
+            times = [one.log_time for one in StreamReader(stream).records if isinstance(one, Message)]
+    assert done["not_carried_over"] == dict(+Counter(unknown_records=private, profiles=profiles))
+    expected: Counter[Any] = Counter()
+    for original in originals:
+        for (channel, *values), count in original.contents.messages.items():
+            expected[(without_empty_values(channel), *values)] += count
+    found: Counter[Any] = Counter()
+    for (channel, *values), count in copy.messages.items():
+        found[(without_empty_values(channel), *values)] += count
+    assert found == expected and times == sorted(times)
+    for kind in ("attachments", "metadata"):
+        assert getattr(copy, kind) == sum((getattr(one.contents, kind) for one in originals), Counter()), kind
+    channels = [without_empty_values(one) for one in copy.channels]
+    assert {*channels} == {without_empty_values(one) for each in originals for one in each.contents.channels}
+    assert len({*channels}) == len(channels), "equal channels are joined"
+    assert copy.schemas == set().union(*(one.contents.schemas for one in originals))
 
 
 def write_folder(folder: Path, originals: list[RandomFile], version: int, **values: Any) -> None:

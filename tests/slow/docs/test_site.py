@@ -61,6 +61,8 @@ QUESTIONS = [
     ("Tests of nodes are flaky", "pytest", "howto/test"),
     ("A live view without ROS on my side", "live view", "howto/live-view"),
     ("Is this instead of rosbridge, rosbags, rclpy?", "rosbridge", "background/compare"),
+    ("One bag of two recorders", "merge bags", "howto/merge-bags"),
+    ("Bag to video, or to image files", "bag to video", "extract images", "howto/bag-images"),
     ("The definition changed: do old bags and robots still work?", "definition changed", "howto/messages-in-a-team"),
 ]
 """Questions of public issues, the same in a few words, and the page that answers."""
@@ -160,7 +162,7 @@ def test_search_answers_common_questions(reader: Browser, address: str) -> None:
             found = search(reader, address, query)
             if page not in found[:FIRST_RESULTS]:
                 wrong[query] = (page, found[: FIRST_RESULTS + 1])
-    assert len(QUESTIONS) == 41
+    assert len(QUESTIONS) == 43
     assert not wrong, "\n".join(f"{query!r}: expected {page}, found {found}" for query, (page, found) in wrong.items())
 
 

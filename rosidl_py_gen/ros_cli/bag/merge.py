@@ -1,0 +1,181 @@
+"""``bag merge``: several bags as one, by log time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from contextlib import ExitStack
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from collections import Counter
+    from collections.abc import Iterator, Mapping
+
+    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+
+_MAX_OFFSET_S = 1 << 33
+"""Largest offset in seconds; the log times of bags end in 2262."""
+
+
+@click.command("merge")
+@click.argument("output", type=click.Path(), metavar="OUT")
+@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...")
+@click.option(
+    "--offset",
+    "offsets",
+    multiple=True,
+    metavar="BAG=SECONDS",
+    help="Seconds to add to the times of a bag, which is named as in the arguments; may be negative. May be repeated.",
+)
+@options.output_storage("storage")
+@options.compression
+@options.split_options
+@options.without_definitions
+@options.paths
+@options.as_json
+@verb
+def merge(
+    output: str,
+    bags: Sequence[str],
+    offsets: Sequence[str],
+    storage: str,
+    compression: str,
+    split_bytes: int | None,
+    split_s: float | None,
+    without_definitions: bool,
+    paths: Sequence[str],
+    as_json: bool,
+) -> int:
+    """Merge bags into one, with the messages of all of them by log time.
+
+    OUT is a folder, or a file that ends with .mcap. Topics with equal name, definition and QoS become one; others keep
+    channels of their own. --offset corrects the clock of a recorder: log and publish times, not stamps in messages.
+
+    \b
+    rosidl-py bag merge both.mcap robot laptop
+    rosidl-py bag merge both robot.mcap laptop.mcap --offset laptop.mcap=-1.25
+    """
+    shifts = _offsets_ns(bags, offsets)
+    from rosidl_py_gen.bags.copying import find_all_channels, has_attachments, omission_lines
+    from rosidl_py_gen.ros_cli.bag.convert import new_bag
+    from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
+    from rosidl_py_gen.ros_cli.bag.selection import channels_with_definitions
+
+    with ExitStack() as stack:
+        readers = [stack.enter_context(opened_bag(bag, search_path=paths)) for bag in bags]
+        channels = []
+        for reader, shift in zip(readers, shifts, strict=True):
+            find_all_channels(reader)
+            channels.append(channels_with_definitions(reader, [*reader.topics], without_definitions))
+            if shift and has_attachments(reader):
+                terminal_output.note(f"{reader.path}: attachments keep their times; --offset changes those of messages")
+        with new_bag(output, storage, compression, split_bytes, split_s) as writer:
+            count, omitted = _merge(readers, writer, shifts, channels)
+        damaged = [part for reader in readers for part in reader.damaged]
+        topics = len({name for reader in readers for name in reader.topics})
+        unread_bytes = sum(reader.unread_bytes for reader in readers)
+    if as_json:
+        terminal_output.document(
+            {
+                "path": output,
+                "bags": len(bags),
+                "messages": count,
+                "topics": topics,
+                "damaged": damaged_rows(damaged),
+                "unread_bytes": unread_bytes,
+                "not_carried_over": dict(omitted),
+            }
+        )
+    else:
+        for line in omission_lines(omitted):
+            terminal_output.note(line)
+        counts = f"{pluralize(count, 'message')} of {pluralize(topics, 'topic')}"
+        terminal_output.line(f"{counts} of {pluralize(len(bags), 'bag')} in {output}")
+    return DAMAGED if damaged else 0
+
+
+def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
+    """Return the offset of each bag in nanoseconds, which a float could not represent exactly."""
+    offsets = {Path(bag): 0 for bag in bags}  # the shell may complete drive as drive/
+    if len(offsets) < len(bags):
+        twice = next(bag for number, bag in enumerate(bags) if Path(bag) in map(Path, bags[:number]))
+        raise click.UsageError(f"{twice} is given twice")
+    for text in texts:
+        bag, _, seconds = text.rpartition("=")
+        if Path(bag) not in offsets or not bag:
+            hint = did_you_mean(bag, bags)
+            raise click.UsageError(f"--offset {text}: expected BAG=SECONDS with a bag of the arguments{hint}")
+        try:
+            number = Decimal(seconds)
+            if not abs(number) < _MAX_OFFSET_S:
+                raise ValueError
+        except (InvalidOperation, ValueError):
+            reason = f"expected a number of seconds below {_MAX_OFFSET_S}"
+            raise click.UsageError(f"--offset {text}: got {seconds!r}; {reason}") from None
+        offsets[Path(bag)] = round(number * NS_PER_S)
+    return [offsets[Path(bag)] for bag in bags]
+
+
+def _merge(
+    readers: Sequence[BagReader],
+    writer: BagWriter | SqliteWriter,
+    offsets_ns: Sequence[int],
+    channels: Sequence[Mapping[tuple[str, ...], BagTopic]],
+) -> tuple[int, Counter[str]]:
+    """Return the number of messages, and of things that the merged bag has no place for, by kind."""
+    from rosidl_py_gen.bags.copying import BagCopy
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+
+    copy = BagCopy(readers, writer)
+    targets = copy.begin(channels)
+    _note_definitions(target for each in targets for target in each.values())
+    items = heapq.merge(*(_in_time(*one) for one in zip(range(len(readers)), readers, offsets_ns, strict=True)))
+    total = sum(topic.count or 0 for reader in readers for topic in reader.topics.values())
+    known: dict[int, tuple[BagTopic, BagTopic]] = {}
+    count = 0
+    with ProgressBar("messages") as show:
+        for _, number, message in show.each(items, total):
+            if message is None:
+                continue
+            channel = message.channel
+            if id(channel) not in known:  # as in `copy_bag`; the tuple retains the identity
+                known[id(channel)] = channel, targets[number][channel.channel_key]
+            writer.write_raw(message, known[id(channel)][1])
+            count += 1
+    copy.end()
+    return count, copy.omitted
+
+
+def _in_time(number: int, reader: BagReader, offset_ns: int) -> Iterator[tuple[int, int, RawMessage | None]]:
+    """Yield the messages of a bag with their new log times and the bag's number, which orders equal times.
+
+    The first item has no message, so that the bag is not read before its messages are due.
+    """
+    yield reader.start_ns + offset_ns, number, None
+    for message in reader.raw_messages():
+        log_time = message.log_time + offset_ns
+        if offset_ns:
+            message = message._replace(log_time=log_time, publish_time=message.publish_time + offset_ns)
+        yield log_time, number, message
+
+
+def _note_definitions(channels: Iterator[BagTopic]) -> None:
+    """Print the topics that have several definitions; each message keeps its own."""
+    topics: dict[str, dict[tuple[str, ...], str]] = {}
+    for channel in channels:
+        topics.setdefault(channel.name, {})[channel.key] = channel.type_name
+    for name, types in topics.items():
+        if len(types) > 1:
+            text = ", ".join(dict.fromkeys(types.values()))
+            terminal_output.note(
+                f"{name} has messages of {len(types)} definitions, of {text}; each has its own channel"
+            )
