@@ -278,7 +278,7 @@ class EntityScope:
             self.require_open(False, "the node")
 
     def set_type_hash_check(
-        self, mode: TypeCheck, guid: bytes, converts: Callable[[DiscoveredEndpoint], bool] | None = None
+        self, mode: TypeCheck, guid: bytes, converts: Callable[[DiscoveredEndpoint], object] | None = None
     ) -> None:
         """Set the type hash check of an endpoint before it is announced; `converts` is True for convertible peers."""
         if mode != DEFAULT_CHECK:

@@ -19,6 +19,7 @@ from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import Waiters, current_loop
 from rosidl_py_gen.errors import ClosedError, DecodeError
+from rosidl_py_gen.runtime.entities.converting_filter import ConvertingFilter
 from rosidl_py_gen.runtime.entities.entity_scope import (
     QOS_HINT,
     PollableEntity,
@@ -27,7 +28,6 @@ from rosidl_py_gen.runtime.entities.entity_scope import (
     user_callback,
 )
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes
-from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_concurrency
@@ -120,7 +120,7 @@ class Subscription(PollableEntity, Generic[T]):
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
-        self._type_hash_filter = TypeHashFilter(
+        self._type_hash_filter = ConvertingFilter(
             scope,
             mode,
             self._reader.writer_guid,

@@ -73,7 +73,7 @@ class Discovery:
         """Function of `Context.on_incompatible_endpoint`."""
         self.type_hash_checks: dict[bytes, str] = {}
         """Type hash check of own endpoints, without those that have the default."""
-        self.conversions: dict[bytes, Callable[[DiscoveredEndpoint], bool]] = {}
+        self.conversions: dict[bytes, Callable[[DiscoveredEndpoint], object]] = {}
         """Functions of own endpoints that return True for a peer whose other definition they convert."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, get_args
 
+from rosidl_py_gen.base.distributions import DEFAULT
+
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
 
@@ -35,3 +37,9 @@ def type_hashes_differ(endpoint: DiscoveredEndpoint, type_hash: str, service_has
     if endpoint.type_hash and type_hash:
         return endpoint.type_hash != type_hash
     return bool(endpoint.service_hash and service_hash) and endpoint.service_hash != service_hash
+
+
+def distribution_advice(distros: tuple[str, ...]) -> str:
+    """Return how to use the definition that some distributions share."""
+    distro = DEFAULT if DEFAULT in distros else distros[0]
+    return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_message'

@@ -289,80 +289,55 @@ async def test_a_writer_of_humble_with_the_definition_of_the_reader_is_examined_
 # --- services and actions ---------------------------------------------------------------------------------------------
 
 
-async def served(world: World, ours: Any, theirs: Any, *, is_ours: bool, respond: Any) -> tuple[Any, Any]:
-    """Return a server and a client of the two definitions; one of both is ours.
-
-    On Zenoh both convert, as the key of each contains its hash. On DDS a client calls no other server, and a peer of
-    ROS calls any.
-    """
-    alice, bob = world.pair()
-    mode: Any = "convert" if world.kind == "zenoh" else "off"
-    server_class, client_class = (ours, theirs) if is_ours else (theirs, ours)
-    server = alice.create_service(server_class, "s", respond)
-    client = bob.create_client(client_class, "s", type_hash_check=mode if is_ours else "convert")
-    assert await client.wait_for_service(5)
-    return server, client
-
-
 @pytest.mark.every_transport
-async def test_a_service_serves_clients_that_send_another_definition(world: World) -> None:
-    ours, theirs = two("srv", "sensor_msgs/Range seen\nint32 a\n---\nint32 b\n")
-    asked: list[Any] = []
-    server, other = await served(
-        world, ours, theirs, is_ours=True, respond=lambda request: asked.append(request) or ours.Response(b=request.a)
-    )
-    same = world.node("carol").create_client(ours, "s")
-    assert await same.wait_for_service(5)
-    request = ours.Request(seen=Range(range=2.0, variance=3.0), a=4)
-    assert (await same.call(request, 5)).b == 4
-    assert server.converted == 0
-    assert (await other.call(theirs.Request(seen=HumbleRange(range=3.0), a=5), 5)).b == 5
-    assert asked == [request, ours.Request(seen=Range(range=3.0), a=5)]
-    assert (server.converted + other.converted > 0, server.incompatible_dropped) == (True, 0)
-
-
-@pytest.mark.every_transport
-async def test_a_client_reads_responses_of_another_definition(world: World) -> None:
-    ours, theirs = two("srv", "int32 a\n---\nsensor_msgs/Range seen\n")
-    respond = lambda request: theirs.Response(seen=HumbleRange(range=request.a))  # noqa: E731
-    server, client = await served(world, ours, theirs, is_ours=False, respond=respond)
-    assert (await client.call(ours.Request(a=3), 5)).seen == Range(range=3.0)
-    assert client.converted + (server.converted if world.kind == "zenoh" else 0) == 1
-
-
-@pytest.mark.every_transport
-@pytest.mark.without_zenoh("each key has one definition there")
-async def test_a_server_that_would_have_to_convert_is_called_on_demand_only(world: World) -> None:
+@pytest.mark.parametrize("mode", ["convert", "warn"])
+async def test_a_server_with_the_definition_of_another_distribution_is_not_called(world: World, mode: Any) -> None:
     ours, theirs = two("srv", "sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
     alice, bob = world.pair()
-    alice.create_service(theirs, "s", lambda request: theirs.Response(seen=request.seen))
-    client, bold = bob.create_client(ours, "s"), bob.create_client(ours, "s", type_hash_check="warn")
-    assert await bold.wait_for_service(5)
+    requests: list[Any] = []
+    alice.create_service(theirs, "s", requests.append)
+    client = bob.create_client(ours, "s", type_hash_check=mode)
+    await until(lambda: bool(bob.count_services("s")))
     with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
         await client.call(ours.Request(), 0.3)
-    assert (await bold.call(ours.Request(seen=Range(range=3.0, variance=5.0)), 5)).seen == Range(range=3.0)
+    assert requests == []
 
 
-@pytest.mark.every_transport
-@pytest.mark.parametrize("is_ours", [True, False], ids=["our client", "our server"])
-async def test_an_action_works_with_a_peer_of_another_definition(world: World, is_ours: bool) -> None:
+async def test_goals_are_not_sent_to_a_server_with_the_definition_of_another_distribution(memory: World) -> None:
     ours, theirs = two("action", "sensor_msgs/Range goal\n---\nsensor_msgs/Range end\n---\nsensor_msgs/Range now\n")
-    served, called = (theirs, ours) if is_ours else (ours, theirs)
-    served_range, called_range = (HumbleRange, Range) if is_ours else (Range, HumbleRange)
-    alice, bob = world.pair()
+    alice, bob = memory.pair()
+    goals: list[Any] = []
+    alice.create_action_server(theirs, "act", goals.append)
+    client = bob.create_action_client(ours, "act")
+    await until(lambda: bool(bob.count_services("act/_action/send_goal")))
+    with pytest.raises(TimeoutError, match="node /alice has another definition of its type"):
+        await client.send_goal(ours.Goal(), timeout_s=0.3)
+    assert goals == []
 
-    async def execute(goal: Any) -> Any:
-        value = goal.request.goal.range
-        await asyncio.sleep(0.2 if world.kind == "zenoh" else 0)  # until the other key of the feedback is connected
-        goal.publish_feedback(served.Feedback(now=served_range(range=value + 1)))
-        return served.Result(end=served_range(range=value + 2))
 
-    alice.create_action_server(served, "act", execute)
-    client = bob.create_action_client(called, "act", type_hash_check="warn")
-    assert await client.wait_for_server(5)
-    goal = await client.send_goal(called.Goal(goal=called_range(range=1.0)), timeout_s=5)
-    assert [one.now.range async for one in goal.feedback()] == [2.0]
-    assert (await goal.result(timeout_s=5))[1].end.range == 3.0
+async def test_a_server_drops_requests_without_hash_that_do_not_fit_its_definition(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = two("srv", "sensor_msgs/Range seen\n---\nint32 a\n")
+    alice, bob = memory.pair()
+    requests: list[Any] = []
+    server = alice.create_service(ours, "s", lambda request: requests.append(request) or ours.Response(a=1))
+    of_humble, of_jazzy = service_without_hash(theirs), service_without_hash(ours)
+    old, new = (bob.create_client(cls, "s", type_hash_check="off") for cls in (of_humble, of_jazzy))
+    assert await old.wait_for_service(5) and await new.wait_for_service(5)
+    with pytest.raises(CallTimeoutError):
+        await old.call(of_humble.Request(seen=HumbleRange(range=3.0)), 0.3)
+    assert (requests, server.incompatible_dropped) == ([], 1)
+    assert (await new.call(of_jazzy.Request(seen=Range(range=2.0)), 5)).a == 1
+    assert requests == [ours.Request(seen=Range(range=2.0))]
+    await until(lambda: "messages on /s from node /bob are dropped: it announces no type hash" in caplog.text)
+    assert 'set ROS_DISTRO=humble, or pass distro="humble" to get_message' in caplog.text
+
+
+def service_without_hash(cls: Any) -> Any:
+    """Return a service that a client of Humble would have: it announces no hashes."""
+    members = {"__slots__": (), "Request": without_hash(cls.Request), "Response": without_hash(cls.Response)}
+    return type("NoHash", (without_hash(cls),), members)
 
 
 # --- properties -------------------------------------------------------------------------------------------------------
