@@ -76,7 +76,10 @@ async def taken(node: Node, recorder: str = RECORDER) -> bool:
     return bool((await Rosbag2Services(node, recorder)("is_paused")).paused)
 
 
-async def test_messages_of_humble_have_the_definition_of_humble(tool: Any, node: Node, tmp_path: Path) -> None:
+async def test_messages_of_humble_have_the_definition_of_humble(
+    tool: Any, node: Node, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Messages of another definition are dropped, because a topic of a bag has one definition."""
     current: Any = get_message("sensor_msgs/msg/Range")
     of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     humble = node.create_publisher(without_hash(of_humble), "range")
@@ -92,6 +95,10 @@ async def test_messages_of_humble_have_the_definition_of_humble(tool: Any, node:
         stranger = node.create_publisher(unknown, "range", QoSProfile().reliable())
         await stranger.wait_for_subscribers(20)
         stranger.publish(unknown())
+        for cls in (current, unknown):
+            warning = f"messages on /range from node /robot are dropped: its definition is {type_hash(cls)}; here it is"
+            await until(lambda warning=warning: warning in caplog.text)
+        humble.publish_raw(of_humble(range=3.0).encode())
         await until(lambda: count_of(tmp_path / "bag") == 3)
     with BagReader(tmp_path / "bag") as reader:
         topic = reader.topics["/range"]

@@ -132,9 +132,10 @@ async def test_messages_of_humble_are_shown_with_the_definition_of_humble(dds: W
         await seen.until(lambda: seen.frames)
         later = dds.node("later").create_publisher(current, "range")
         assert await later.wait_for_subscribers(20)
-        later.publish(current(range=2.0, variance=3.0))
+        later.publish(current(range=2.0, variance=3.0))  # dropped, because the channel has one definition
+        humble.publish_raw(of_humble(range=3.0).encode())
         await seen.until(lambda: len(seen.frames) == 2)
-        assert [frame[2] for frame in seen.frames] == [of_humble(range=1.0).encode(), of_humble(range=2.0).encode()]
+        assert [frame[2] for frame in seen.frames] == [of_humble(range=1.0).encode(), of_humble(range=3.0).encode()]
 
 
 async def test_what_is_defined_in_idl_is_shown_as_msg(node: Node, watching: Any, tmp_path: Any) -> None:

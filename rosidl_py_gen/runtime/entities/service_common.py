@@ -110,7 +110,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
 
     @property
     def incompatible_dropped(self) -> int:
-        """Number of requests or responses dropped because the peer announces another definition of the type."""
+        """Number of requests or responses dropped because the peer has another definition of the type."""
         return self._type_hash_filter.incompatible_dropped
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:

@@ -53,7 +53,6 @@ class TypeHashFilter(Generic[W]):
     Attributes:
         accepted_writers: writers whose samples are delivered; looked up for every message.
         incompatible_dropped: number of samples that were dropped.
-        drop_reason: why samples of a writer without hash were dropped; empty if none were.
         service_hash: hash of the service; empty for a topic.
     """
 
@@ -83,7 +82,8 @@ class TypeHashFilter(Generic[W]):
         """Hashes that were logged; empty text for writers without hash."""
         self.accepted_writers: set[W] = set()
         self.incompatible_dropped = 0
-        self.drop_reason = ""
+        self._last_drop: tuple[DiscoveredEndpoint, str] | None = None
+        """Writer without hash whose sample was dropped last, and the reason."""
         self._unknown_samples = 0
         self._count_lock = threading.RLock()
         """Guards the numbers, because several threads may take. The other members need no lock: each change is one
@@ -93,6 +93,14 @@ class TypeHashFilter(Generic[W]):
     def disable(self) -> None:
         """Deliver everything, because the transport matches endpoints by their hash."""
         self._mode = "off"
+
+    @property
+    def drop_reason(self) -> str:
+        """Reason why the last sample of a writer without hash was dropped; empty if none was."""
+        if self._last_drop is None:
+            return ""
+        endpoint, why = self._last_drop
+        return f"{self._scope.graph.describe_node(endpoint)} announces no type hash, and {why}"
 
     def accepts(self, writer: W, data: Payload) -> bool:
         """Return True if a sample of a writer that is not in `accepted_writers` is delivered; count it otherwise."""
@@ -135,8 +143,13 @@ class TypeHashFilter(Generic[W]):
         if endpoint is None:
             with self._count_lock:
                 self._unknown_samples += 1
-            # An earlier writer was not compared with the definition that was set later.
-            return self._drop() if self._is_late and self._others() and not self._fits(data) else _Verdict.DELIVER
+            if not (self._others() and not self._fits(data)):
+                return _Verdict.DELIVER
+            text = f"they do not fit the definition of {self._type.ros_name} in use here"
+            if "" not in self._reported:
+                self._reported.add("")
+                self._scope.logger.warning(f"messages on {self._topic} from an unknown node are dropped: {text}")
+            return self._drop()
         if not self.is_compatible(endpoint):
             if self._is_late:
                 found = endpoint.type_hash or endpoint.service_hash
@@ -184,7 +197,7 @@ class TypeHashFilter(Generic[W]):
         return _Verdict.DELIVER
 
     def _drop_without_hash(self, endpoint: DiscoveredEndpoint, why: str) -> _Verdict:
-        self.drop_reason = f"{self._scope.graph.describe_node(endpoint)} announces no type hash, and {why}"
+        self._last_drop = endpoint, why
         self._warn(endpoint, "", f"it announces no type hash, and {why}")
         return self._drop()
 

@@ -137,7 +137,7 @@ class AdaptiveSubscription(Generic[T]):
         self._subscription = self._subscribe()
 
     def set_definition(self, msg_type: type[Message]) -> None:
-        """Set the definition of raw messages if it was not known at creation: those of other definitions are converted.
+        """Set the definition of raw messages if it was not known at creation: those of other definitions are dropped.
 
         This includes messages that were received, but not returned yet.
 

@@ -118,7 +118,7 @@ async def test_goals_to_a_server_of_another_definition_are_not_sent(dds: World) 
 def test_modes_that_do_not_exist_are_refused(memory: World) -> None:
     old, _ = two_messages()
     strict: Any = "strict"
-    with pytest.raises(ValueError, match='type_hash_check must be "convert", "error", "warn" or "off", got \'strict\''):
+    with pytest.raises(ValueError, match='type_hash_check must be "error", "warn" or "off", got \'strict\''):
         memory.node("n", type_hash_check=strict)
     node = memory.node("n")
     with pytest.raises(ValueError, match="type_hash_check must be"):

@@ -97,7 +97,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._default_timeout_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
         super().__init__(owner, infos, key)
 
-    def _declare(self, key: str, type_hash: str = "") -> Any:
+    def _declare(self, key: str) -> Any:
         self._querier: Any = self._owner.session.declare_querier(
             key, target=zenoh.QueryTarget.ALL_COMPLETE, consolidation=zenoh.ConsolidationMode.NONE
         )
@@ -282,10 +282,10 @@ class ZenohServer(_ZenohServiceEndpoint):
             self._window.set_readers(reader.qos for reader in readers.values())
         return self._window.limit > 0
 
-    def _declare(self, key: str, type_hash: str = "") -> Any:
+    def _declare(self, key: str) -> Any:
         return self._owner.session.declare_queryable(key, zenoh_handler(self._take), complete=True)
 
-    def _take(self, query: Any, type_hash: str = "") -> None:
+    def _take(self, query: Any) -> None:
         attachment = self.read_attachment(query)
         data = b"" if query.payload is None else query.payload.to_bytes()
         if attachment is None or len(data) < HEADER_BYTES:
