@@ -39,7 +39,7 @@ NOT_QUICK = re.compile(
     r"|against_rclpy|rclpy_messages/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
     r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"
     r"|companions/|ros_cli/test_run|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
-    r"|fuzz/|_random|against_|cdr/test_peers|tables/test_(dataset|blocks|writing|many)|bags/test_edges|test_threads_and_loops|converted_without_its_writer|compatibility/test_old_data"
+    r"|fuzz/|_random|against_|cdr/test_peers|tables/test_(dataset|blocks|writing|many)|bags/test_edges|test_threads_and_loops|compatibility/test_old_data"
     r"|test_docstrings|test_public_face|very_deep_and_very_wide|works_on_zenoh_is|none_of_many_calls"
     r"|killed_recorder|interrupts_no_wait|hundred_goals|thousand_goals|every_message_of_the_checkout|for_the_same_reason"
     r"|whole_bags_show_progress|pipes_get_results_only|listed_at_80_columns|the_environment_selects|no_compiler_for_the_selection"

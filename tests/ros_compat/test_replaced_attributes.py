@@ -51,7 +51,7 @@ REQUIRED_MEMBERS = [
 """Attribute and missing member of each error; None after the last use of an attribute."""
 
 
-def test_a_value_of_another_type_is_an_error_that_names_the_attribute(tmp_path: Path) -> None:
+def test_attribute_of_another_type_raises_error_that_names_it(tmp_path: Path) -> None:
     cure = "give the program's own attribute another name"
     errors = [
         "False" if one is None else f"{one[0]} is an attribute of rclpy, and None has no {one[1]!r}: {cure}"

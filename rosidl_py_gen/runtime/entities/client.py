@@ -309,17 +309,16 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
                     raise self._lost_reason(response)
                 if isinstance(response, DecodeError):
                     raise response
-                data = response if server in accepted else self._type_hash_filter.payload(server, response)
             except (ServerLostError, DecodeError) as error:
                 if pending is not None:
                     self._fail(pending, error)
                 continue
-            if data is None:
+            if server not in accepted and not self._type_hash_filter.accepts(server, response):
                 continue
             if self._introspection is not None:
-                self._introspection.publish(self._transport_client.gid, number, data, is_sent=False)
+                self._introspection.publish(self._transport_client.gid, number, response, is_sent=False)
             if pending is not None:
-                self._handle_reply(pending, data, server)
+                self._handle_reply(pending, response, server)
 
     def _on_discovery(self, _: object) -> None:
         if self._pending:
