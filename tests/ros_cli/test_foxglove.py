@@ -121,7 +121,7 @@ async def test_unknown_type_is_requested_from_its_node(dds: World, watching: Any
 
 
 async def test_channel_of_humble_topic_has_its_definition_and_drops_newer_messages(
-    dds: World, watching: Any
+    dds: World, watching: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
     current: Any = get_message("sensor_msgs/msg/Range")
     of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
@@ -135,6 +135,7 @@ async def test_channel_of_humble_topic_has_its_definition_and_drops_newer_messag
         later = dds.node("later").create_publisher(current, "range")
         assert await later.wait_for_subscribers(20)
         later.publish(current(range=2.0, variance=3.0))  # dropped, because the channel has one definition
+        await until(lambda: "no messages on /range from node /later" in caplog.text)
         humble.publish_raw(of_humble(range=3.0).encode())
         await seen.until(lambda: len(seen.frames) == 2)
         assert [frame[2] for frame in seen.frames] == [of_humble(range=1.0).encode(), of_humble(range=3.0).encode()]

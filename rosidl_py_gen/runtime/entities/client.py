@@ -161,8 +161,8 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         try:
             return await future
         except RequestTimedOutError:
-            message = f"no response from {self.name} ({self.service_type}) in {timeout_s:g} s"
-            raise CallTimeoutError(message) from None
+            text = f"no response from {self.name} ({self.service_type}) in {timeout_s:g} s"
+            raise CallTimeoutError(with_reason(text, self._type_hash_filter.drop_reason)) from None
         finally:
             self._abandon_request(pending.key)
 
@@ -304,14 +304,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         while (reply := take()) is not None:
             number, response, server = reply
             pending = self._by_sequence_number.get(number)
-            try:
-                if isinstance(response, NoReply):
-                    raise self._lost_reason(response)
-                if isinstance(response, DecodeError):
-                    raise response
-            except (ServerLostError, DecodeError) as error:
+            if isinstance(response, NoReply):
                 if pending is not None:
-                    self._fail(pending, error)
+                    self._fail(pending, self._lost_reason(response))
                 continue
             if server not in accepted and not self._type_hash_filter.accepts(server, response):
                 continue

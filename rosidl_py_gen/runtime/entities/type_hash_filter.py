@@ -14,6 +14,7 @@ import threading
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from rosidl_py_gen.base.occurrences import is_logged
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.message_types import class_of
 from rosidl_py_gen.runtime.graph.type_hashes import distribution_advice, type_hashes_differ
@@ -78,8 +79,8 @@ class TypeHashFilter(Generic[W]):
         """True if the definition was set later: the reader announces none, so nothing else warns about drops."""
         self._incompatible: dict[bytes, DiscoveredEndpoint] = {}
         """Discovered writers with another definition, which may have left when their samples are taken."""
-        self._reported: set[str] = set()
-        """Hashes that were logged; empty text for writers without hash."""
+        self._reported: set[tuple[bytes, str]] = set()
+        """Participants whose drops were logged, with their hash of the type; each empty if it is unknown."""
         self.accepted_writers: set[W] = set()
         self.incompatible_dropped = 0
         self._last_drop: tuple[DiscoveredEndpoint, str] | None = None
@@ -146,8 +147,8 @@ class TypeHashFilter(Generic[W]):
             if not (self._others() and not self._fits(data)):
                 return _Verdict.DELIVER
             text = f"they do not fit the definition of {self._type.ros_name} in use here"
-            if "" not in self._reported:
-                self._reported.add("")
+            if (b"", "") not in self._reported:
+                self._reported.add((b"", ""))
                 self._scope.logger.warning(f"messages on {self._topic} from an unknown node are dropped: {text}")
             return self._drop()
         if not self.is_compatible(endpoint):
@@ -178,22 +179,22 @@ class TypeHashFilter(Generic[W]):
         )
 
     def _verdict_without_hash(self, endpoint: DiscoveredEndpoint, data: Payload) -> _Verdict:
-        graph, guid, others = self._scope.graph, endpoint.participant_guid, self._others()
+        graph, guid, others, name = self._scope.graph, endpoint.participant_guid, self._others(), self._type.ros_name
         is_humble = graph.is_humble(guid)
         if is_humble and _HUMBLE in others:
-            text = f"it is of ROS 2 Humble, whose definition of {self._type.ros_name} is another one"
-            return self._drop_without_hash(endpoint, f"{text}; {distribution_advice((_HUMBLE,))}")
+            text = f"it is of ROS 2 Humble, whose definition of {name} is another one"
+            return self._drop_without_hash(endpoint, f"{text}; {distribution_advice((_HUMBLE,), name)}")
         if not self._fits(data):
-            text = f"its messages do not fit the definition of {self._type.ros_name} in use here"
+            text = f"its messages do not fit the definition of {name} in use here"
             fitting = tuple(distro for distro in others if self._fits(data, distro))
-            advice = f", but that of {', '.join(fitting)}; {distribution_advice(fitting)}" if fitting else ""
+            advice = f", but that of {', '.join(fitting)}; {distribution_advice(fitting, name)}" if fitting else ""
             return self._drop_without_hash(endpoint, text + advice)
         if is_humble:
             return _Verdict.DELIVER_ALL
         # All later distributions announce a hash, so a participant of ROS that has sent no node names is of Humble.
         if is_humble is None and graph.is_ros(guid) and _HUMBLE in others and self._fits(data, _HUMBLE):
-            text = f"its messages fit the definition of {self._type.ros_name} of ROS 2 Humble as well"
-            return self._drop_without_hash(endpoint, f"{text}; {distribution_advice((_HUMBLE,))}")
+            text = f"its messages fit the definition of {name} of ROS 2 Humble as well"
+            return self._drop_without_hash(endpoint, f"{text}; {distribution_advice((_HUMBLE,), name)}")
         return _Verdict.DELIVER
 
     def _drop_without_hash(self, endpoint: DiscoveredEndpoint, why: str) -> _Verdict:
@@ -238,9 +239,12 @@ class TypeHashFilter(Generic[W]):
             return False
 
     def _warn(self, endpoint: DiscoveredEndpoint, type_hash: str, why: str) -> None:
-        """Log why samples are dropped, as soon as the name of the node is known, once for each hash."""
-        if type_hash not in self._reported and len(self._reported) < _MAX_WRITERS:
-            self._reported.add(type_hash)
+        """Log why samples are dropped, once for each participant, as soon as the name of its node is known."""
+        key = endpoint.participant_guid, type_hash
+        if key not in self._reported and len(self._reported) < _MAX_WRITERS:
+            self._reported.add(key)
+            if not is_logged(len(self._reported)):  # peers decide how many participants there are
+                return
             graph, logger, topic = self._scope.graph, self._scope.logger, self._topic
             self._scope.discovery.call_when_named(
                 lambda: logger.warning(f"messages on {topic} from {graph.describe_node(endpoint)} are dropped: {why}"),

@@ -234,8 +234,9 @@ class Discovery:
                 self.on_other_definition[reader.guid](writer)
             if (is_definition and {*modes.values()} == {"off"}) or not self._is_first_report(writer, reader):
                 continue
-            peer = reader if own[0] is writer else writer
-            distros = distributions_of(peer, own[0]) if is_definition else ()
+            # The reader decides what is delivered, so the writer is the peer if both are own endpoints.
+            pair = (writer, reader) if reader in own else (reader, writer)
+            distros = distributions_of(*pair) if is_definition else ()
             mode = modes.get(reader.guid, DEFAULT_CHECK)
             is_delivered = is_definition and (mode == "off" or (mode == "warn" and not distros))
             self._defer(partial(self._warn, result, is_delivered, distros), writer, reader)
@@ -292,7 +293,7 @@ class Discovery:
         if self._closed:
             return
         writer, reader = incompatibility.writer, incompatibility.reader
-        own, peer = (writer, reader) if writer.participant_guid == self._participant.guid else (reader, writer)
+        own = writer if writer.participant_guid == self._participant.guid else reader
         effect = "messages that may be decoded wrongly" if is_delivered else "no messages"
         if self._may_be_misread(incompatibility):
             effect = "messages that the other side may misread"
@@ -301,8 +302,9 @@ class Discovery:
         if incompatibility.kind is IncompatibilityKind.DEFINITION:
             advice = _ADVICE
             if distros:
+                peer = writer if reader.participant_guid == self._participant.guid else reader
                 start = f". The definition of {self.graph.describe_node(peer)} is that of ROS 2 {', '.join(distros)}"
-                advice = f"{start}: {distribution_advice(distros)}"
+                advice = f"{start}: {distribution_advice(distros, own.service_type or own.type)}"
             text += _STILL_DELIVERED if is_delivered else advice
         if self.on_incompatible_endpoint is not None:
             try:

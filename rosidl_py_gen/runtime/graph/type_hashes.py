@@ -20,6 +20,7 @@ TypeCheck = Literal["error", "warn", "off"]
 bytes would be misread. ``off`` delivers all of them without a warning.
 """
 DEFAULT_CHECK: TypeCheck = "error"
+_KINDS = {"/srv/": "service", "/action/": "action"}
 
 
 def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> TypeCheck:
@@ -50,7 +51,8 @@ def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple
         return ()
 
 
-def distribution_advice(distros: tuple[str, ...]) -> str:
-    """Return how to use the definition that some distributions share."""
+def distribution_advice(distros: tuple[str, ...], type_name: str) -> str:
+    """Return how to use the definition of a type that some distributions share."""
     distro = DEFAULT if DEFAULT in distros else distros[0]
-    return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_message'
+    kind = next((word for part, word in _KINDS.items() if part in type_name), "message")
+    return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_{kind}'

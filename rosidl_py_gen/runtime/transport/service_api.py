@@ -91,9 +91,9 @@ class ServerAvailability:
         return self.is_available
 
 
-Reply: TypeAlias = "tuple[int, Payload | NoReply | DecodeError, bytes | None]"
-"""Number of the request, response or the error in its bytes, and GUID of the sender if known. A plain tuple, because it
-is created for each reply."""
+Reply: TypeAlias = "tuple[int, Payload | NoReply, bytes | None]"
+"""Number of the request, response, and GUID of the sender if known. A plain tuple, because it is created for each
+reply."""
 RequestId: TypeAlias = "Any"
 """Origin of a request, opaque outside of the transport that created it."""
 Request: TypeAlias = "tuple[RequestId, Payload | IncompatiblePeer | DecodeError, bytes | None, int, int]"

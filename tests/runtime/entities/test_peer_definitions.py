@@ -56,7 +56,9 @@ def lyrical_event() -> Any:
 
 
 @pytest.mark.every_transport
-async def test_message_of_lyrical_definition_is_dropped_and_logged(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_message_of_lyrical_definition_is_dropped_and_logged(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     alice, bob = world.pair()
     subscription = bob.create_subscription(Event, "events")
     lyrical, jazzy = alice.create_publisher(LyricalEvent, "events"), alice.create_publisher(Event, "events")
@@ -120,7 +122,9 @@ async def test_warning_for_type_containing_a_changed_type_names_its_distribution
 
 
 @pytest.mark.parametrize(("mode", "is_received"), [("error", False), ("warn", False), ("off", True)])
-async def test_type_hash_check_mode_selects_drop_or_delivery(memory: World, mode: Any, is_received: bool, caplog: pytest.LogCaptureFixture) -> None:
+async def test_type_hash_check_mode_selects_drop_or_delivery(
+    memory: World, mode: Any, is_received: bool, caplog: pytest.LogCaptureFixture
+) -> None:
     alice, bob = memory.node("alice", type_hash_check="off"), memory.node("bob", context=memory.context())
     subscription = bob.create_subscription(Event, "t", type_hash_check=mode)
     publisher = alice.create_publisher(LyricalEvent, "t")
@@ -135,6 +139,18 @@ async def test_type_hash_check_mode_selects_drop_or_delivery(memory: World, mode
     assert subscription.incompatible_dropped == 1
     await until(lambda: "no messages on /t from node /alice to node /bob: their definitions of" in caplog.text)
     assert "delivered anyway" not in caplog.text
+
+
+async def test_warning_between_nodes_of_one_context_states_that_messages_are_dropped(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    unknown: Any = compile_definition("sensor_msgs/msg/Range", f"int32 x{next(_numbers)}")
+    node = memory.node("node", type_hash_check="warn")
+    subscription, publisher = node.create_subscription(unknown, "t"), node.create_publisher(Range, "t")
+    publisher.publish(Range())
+    await until(lambda: "no messages on /t from node /node to node /node" in caplog.text)
+    assert (subscription.take(), subscription.incompatible_dropped) == (None, 1)
+    assert "The definition of node /node is that of ROS 2" in caplog.text
 
 
 @pytest.mark.every_transport
@@ -175,7 +191,9 @@ def test_messages_between_all_pairs_of_distributions_are_dropped_and_named(
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh
-async def test_definition_of_writer_without_hash_is_detected_by_sample_size(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_definition_of_writer_without_hash_is_detected_by_sample_size(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     alice, bob = world.pair()
     subscription = bob.create_subscription(Range, "range")
     publisher = alice.create_publisher(without_hash(HumbleRange), "range")
@@ -194,6 +212,21 @@ async def test_definition_of_writer_without_hash_is_detected_by_sample_size(worl
         "messages on /range from node /alice are dropped: it announces no type hash, and its messages do not fit the "
         f"definition of sensor_msgs/msg/Range in use here, but that of humble; {HUMBLE_ADVICE}"
     )
+
+
+async def test_dropped_samples_without_hash_are_logged_once_for_each_participant(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    subscription = memory.node("reader").create_subscription(Range, "range")
+    for name in ("alice", "bob"):
+        publisher = memory.node(name, context=memory.context()).create_publisher(without_hash(Range), "range")
+        assert await publisher.wait_for_subscribers(5)
+        for _ in range(2):
+            publisher.publish_raw(HumbleRange().encode())
+    await until(lambda: subscription.take() is None and subscription.incompatible_dropped == 4)
+    for name in ("alice", "bob"):
+        await until(lambda name=name: f"messages on /range from node /{name} are dropped" in caplog.text)
+    assert caplog.text.count("are dropped") == 2
 
 
 async def test_sample_that_fits_no_definition_is_dropped_without_advice(
@@ -307,7 +340,9 @@ async def test_unreadable_definitions_of_other_distributions_are_logged(
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("mode", ["error", "warn"])
-async def test_client_does_not_call_server_of_another_definition(world: World, mode: Any) -> None:
+async def test_client_does_not_call_server_of_another_definition(
+    world: World, mode: Any, caplog: pytest.LogCaptureFixture
+) -> None:
     ours, theirs = two("srv", "sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
     alice, bob = world.pair()
     requests: list[Any] = []
@@ -317,6 +352,8 @@ async def test_client_does_not_call_server_of_another_definition(world: World, m
     with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
         await client.call(ours.Request(), 0.3)
     assert requests == []
+    advice = 'that of ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
+    await until(lambda: advice in caplog.text)
 
 
 async def test_goals_are_not_sent_to_action_server_of_another_definition(memory: World) -> None:
@@ -347,7 +384,19 @@ async def test_server_drops_requests_without_hash_that_do_not_fit_its_definition
     assert (await new.call(of_jazzy.Request(seen=Range(range=2.0)), 5)).a == 1
     assert requests == [ours.Request(seen=Range(range=2.0))]
     await until(lambda: "messages on /s from node /bob are dropped: it announces no type hash" in caplog.text)
-    assert 'set ROS_DISTRO=humble, or pass distro="humble" to get_message' in caplog.text
+    assert 'set ROS_DISTRO=humble, or pass distro="humble" to get_service' in caplog.text
+
+
+async def test_client_drops_responses_without_hash_that_do_not_fit_its_definition(memory: World) -> None:
+    ours, theirs = two("srv", "int32 a\n---\nsensor_msgs/Range seen\n")
+    alice, bob = memory.pair()
+    of_humble = service_without_hash(theirs)
+    alice.create_service(of_humble, "s", lambda request: of_humble.Response(), type_hash_check="off")
+    client = bob.create_client(ours, "s")
+    assert await client.wait_for_service(5)
+    with pytest.raises(CallTimeoutError, match=r"no response from /s .*: node /alice announces no type hash, and its"):
+        await client.call(ours.Request(), 0.3)
+    assert client.incompatible_dropped == 1
 
 
 def service_without_hash(cls: Any) -> Any:
@@ -390,9 +439,7 @@ async def test_sample_of_unknown_writer_is_dropped_unless_it_fits_the_definition
     assert caplog.text.count("messages on /t from an unknown node are dropped: they do not fit the definition of") == 1
 
 
-async def test_unlogged_drop_is_logged_when_context_closes(
-    memory: World, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_unlogged_drop_is_logged_when_context_closes(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     reader, peer = memory.node("reader", context=memory.context()), memory.node("peer", context=memory.context())
     subscription, publisher = reader.create_subscription(Range, "t"), peer.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
