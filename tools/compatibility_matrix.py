@@ -160,7 +160,7 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
                 "bytes", (f"{_LYRICAL_ZENOH}test_only_volatile_byte_subscriptions_announce_the_cpu_backend",)
             ),
             "type hash": Cell(
-                "bytes", (f"{_DEFINITIONS}test_message_of_lyrical_definition_is_converted_and_logged[zenoh",)
+                "bytes", (f"{_DEFINITIONS}test_message_of_lyrical_definition_is_dropped_and_logged[zenoh",)
             ),
             "security": NOT_SUPPORTED,
             "lifecycle": Cell(

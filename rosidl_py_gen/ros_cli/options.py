@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Coroutine
-from dataclasses import field, fields
 from functools import partial, wraps
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -43,27 +42,6 @@ def all_of(*options: Callable[[F], F]) -> Callable[[F], F]:
         return command
 
     return add
-
-
-def declared(option: Callable[[str], Callable[[F], F]]) -> Any:
-    """Declare an option as the field of a dataclass, whose name it gets."""
-    return field(metadata={"option": option})
-
-
-def option(*names: str, **settings: Any) -> Any:
-    """Declare an option as the field of a dataclass, with names and settings of click; help has its default."""
-    settings.setdefault("show_default", bool(settings.get("default")))
-    return declared(partial(click.option, *names, **settings))
-
-
-def flag(*names: str, help: str) -> Any:
-    """Declare an option without a value as the field of a dataclass."""
-    return option(*names, is_flag=True, help=help)
-
-
-def options_of(cls: type[Any]) -> Callable[[F], F]:
-    """Add the options that the fields of a dataclass declare."""
-    return all_of(*(one.metadata["option"](one.name) for one in fields(cls) if "option" in one.metadata))
 
 
 def _with_project_path(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
@@ -230,26 +208,29 @@ def _none_for_zero(ctx: click.Context, param: click.Parameter, value: float | No
     return value or None
 
 
-max_bag_size = partial(
-    click.option,
-    *("-b", "--max-bag-size"),
-    type=click.IntRange(0),
-    callback=_none_for_zero,
-    metavar="BYTES",
-    help="Maximum size of a file; 0 means no limit.",
+split_options = all_of(
+    click.option(
+        "-b",
+        "--max-bag-size",
+        "split_bytes",
+        type=click.IntRange(0),
+        callback=_none_for_zero,
+        metavar="BYTES",
+        help="Maximum size of a file; 0 means no limit.",
+    ),
+    seconds(
+        "-d",
+        "--max-bag-duration",
+        "split_s",
+        callback=_none_for_zero,
+        help="Maximum duration of a file; 0 means no limit.",
+    ),
 )
-max_bag_duration = partial(
-    seconds,
-    *("-d", "--max-bag-duration"),
-    callback=_none_for_zero,
-    help="Maximum duration of a file; 0 means no limit.",
-)
-split_options = all_of(max_bag_size("split_bytes"), max_bag_duration("split_s"))
 """Limits after which a bag continues in a new file."""
-no_keys = partial(click.option, "--disable-keyboard-controls", is_flag=True, help="Do not read the keyboard.")
-output_storage = partial(
-    click.option,
-    *("-s", "--storage"),
+no_keys = click.option("--disable-keyboard-controls", "no_keys", is_flag=True, help="Do not read the keyboard.")
+output_storage = click.option(
+    "-s",
+    "--storage",
     type=click.Choice(["mcap", "sqlite3"]),
     default="mcap",
     show_default=True,
@@ -271,11 +252,7 @@ class MultiValueOption(click.Option):
         super().__init__(*arguments, **settings)
 
 
-def several(*names: str, **settings: Any) -> Any:
-    """Declare a `MultiValueOption` as the field of a dataclass."""
-    return option(*names, cls=MultiValueOption, **settings)
-
-
+several = partial(click.option, cls=MultiValueOption)
 start_offset = seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning.")
 duration = seconds("--duration", "duration_s", help="Duration of the selected part.")
 bag_path = click.argument("path", type=click.Path())
@@ -399,9 +376,8 @@ action_argument = _argument("action", "actions")
 node_argument = _argument("node", "nodes")
 parameter_argument = _argument("name", "parameters")
 interface_argument = _argument("name", "interfaces")
-topics = click.option(
+topics = several(
     "--topics",
-    cls=MultiValueOption,
     shell_complete=bag_completion("topic"),
     metavar="TOPIC...",
     help="Only these topics. May be repeated.",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.command("convert", cls=options.MultiValueCommand)
 @options.bag_path
 @click.argument("output", type=click.Path())
-@options.output_storage("storage")
+@options.output_storage
 @options.bag_selection
 @options.compression
 @options.split_options

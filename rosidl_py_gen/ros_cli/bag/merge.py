@@ -36,7 +36,7 @@ _MAX_OFFSET_S = 1 << 33
     metavar="BAG=SECONDS",
     help="Seconds to add to the times of a bag, which is named as in the arguments; may be negative. May be repeated.",
 )
-@options.output_storage("storage")
+@options.output_storage
 @options.compression
 @options.split_options
 @options.without_definitions

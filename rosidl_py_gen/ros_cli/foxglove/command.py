@@ -18,63 +18,78 @@ if TYPE_CHECKING:
 class FoxgloveOptions:
     """Options of ``foxglove``."""
 
-    host: str = options.option(
-        "--host", default="127.0.0.1", help="Address to listen on; 0.0.0.0 permits other machines to connect."
-    )
-    port: int = options.option(
-        "--port",
-        type=click.IntRange(0, 65535),
-        metavar="PORT",
-        default=8765,
-        help="Port to listen on; 0 selects a free one.",
-    )
-    is_read_only: bool = options.flag(
-        "--read-only", help="Do not let viewers publish, call services and set parameters."
-    )
-    origins: Sequence[str] = options.option(
-        "--allow-origin",
-        multiple=True,
-        metavar="ORIGIN",
-        help="Permit web pages of ORIGIN, such as https://example.org; * permits all. May be repeated.",
-    )
-    token: str = options.option(
-        "--token",
-        default="",
-        envvar="ROSIDL_PY_FOXGLOVE_TOKEN",
-        show_envvar=True,
-        help="Require ?token=TOKEN of viewers.",
-    )
-    max_mib: int = options.option(
-        "--max-message",
-        type=click.IntRange(1, 64),
-        default=16,
-        metavar="MIB",
-        help="Maximum size of a message of a viewer.",
-    )
-    per_s: int = options.option(
-        "--max-rate",
-        type=click.IntRange(1, 1_000_000),
-        default=1000,
-        metavar="PER_SECOND",
-        help="Maximum rate of messages of a viewer; a faster viewer is read more slowly.",
-    )
-    use_sim_time: bool = options.flag(
-        "--use-sim-time", help="Send viewers the time of /clock, also if it appears later."
-    )
-    queue: int = options.option(
-        "--queue",
-        type=click.IntRange(16, 1 << 16),
-        default=256,
-        metavar="MESSAGES",
-        help="Maximum number of messages that wait for a slow viewer; the oldest are dropped.",
-    )
-    hidden: bool = options.flag("--include-hidden-topics", help="Also show topics and services that begin with _.")
+    host: str
+    port: int
+    is_read_only: bool
+    origins: Sequence[str]
+    token: str
+    max_mib: int
+    per_s: int
+    use_sim_time: bool
+    queue: int
+    hidden: bool
     paths: Sequence[str] = ()
     as_json: bool = False
 
 
 @click.command("foxglove")
-@options.options_of(FoxgloveOptions)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; 0.0.0.0 permits other machines to connect.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    default=8765,
+    show_default=True,
+    help="Port to listen on; 0 selects a free one.",
+)
+@click.option(
+    "--read-only", "is_read_only", is_flag=True, help="Do not let viewers publish, call services and set parameters."
+)
+@click.option(
+    "--allow-origin",
+    "origins",
+    multiple=True,
+    metavar="ORIGIN",
+    help="Permit web pages of ORIGIN, such as https://example.org; * permits all. May be repeated.",
+)
+@click.option(
+    "--token", default="", envvar="ROSIDL_PY_FOXGLOVE_TOKEN", show_envvar=True, help="Require ?token=TOKEN of viewers."
+)
+@click.option(
+    "--max-message",
+    "max_mib",
+    type=click.IntRange(1, 64),
+    default=16,
+    show_default=True,
+    metavar="MIB",
+    help="Maximum size of a message of a viewer.",
+)
+@click.option(
+    "--max-rate",
+    "per_s",
+    type=click.IntRange(1, 1_000_000),
+    default=1000,
+    show_default=True,
+    metavar="PER_SECOND",
+    help="Maximum rate of messages of a viewer; a faster viewer is read more slowly.",
+)
+@click.option("--use-sim-time", is_flag=True, help="Send viewers the time of /clock, also if it appears later.")
+@click.option(
+    "--queue",
+    type=click.IntRange(16, 1 << 16),
+    default=256,
+    show_default=True,
+    metavar="MESSAGES",
+    help="Maximum number of messages that wait for a slow viewer; the oldest are dropped.",
+)
+@click.option(
+    "--include-hidden-topics", "hidden", is_flag=True, help="Also show topics and services that begin with _."
+)
 @options.paths
 @options.as_json
 @options.node_options

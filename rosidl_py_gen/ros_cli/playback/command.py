@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from rosidl_py_gen.ros_cli import options, verb
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli import AsyncCommand
     from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.ros_cli.options import F
 
 
 class _Finite(click.FloatRange):
@@ -24,8 +25,8 @@ class _Finite(click.FloatRange):
         return number
 
 
-def _names(of: str, *names: str, help: str) -> Any:
-    """Declare an option for several names of topics, services or actions (`of`), completed from the bag."""
+def _names(of: str, *names: str, help: str) -> Callable[[F], F]:
+    """Add an option for several names of topics, services or actions (`of`), completed from the bag."""
     return options.several(*names, shell_complete=options.bag_completion(of), metavar=f"{of.upper()}...", help=help)
 
 
@@ -34,109 +35,39 @@ class PlayOptions:
     """Options of ``bag play``; times in seconds, None if not given."""
 
     path: str | None
-    inputs: Sequence[str] = options.several(
-        "-i", "--input", metavar="BAG", help="Bag; several are played together by their times."
-    )
-    storage: str | None = options.option(
-        "-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), help="Required storage format of all files."
-    )
-    rate: float = options.option(
-        "-r",
-        "--rate",
-        type=_Finite(0, min_open=True),
-        default=1.0,
-        metavar="FACTOR",
-        help="Speed relative to the recording; 2 is twice as fast.",
-    )
-    loop: bool = options.flag("-l", "--loop", help="Repeat at the end.")
-    topics: Sequence[str] = _names(
-        "topic", "--topics", help="Play only these, and those of --services, --actions and --regex."
-    )
-    services: Sequence[str] = _names(
-        "service", "--services", help="Play only the events of these services, or send requests to them."
-    )
-    actions: Sequence[str] = _names("action", "--actions", help="Play only the topics and events of these actions.")
-    regex: str | None = options.option("-e", "--regex", metavar="REGEX", help="Play only names that match completely.")
-    exclude_topics: Sequence[str] = _names("topic", "--exclude-topics", help="Skip these topics.")
-    exclude_services: Sequence[str] = _names("service", "--exclude-services", help="Skip these services.")
-    exclude_actions: Sequence[str] = _names("action", "--exclude-actions", help="Skip these actions.")
-    exclude_regex: str | None = options.option(
-        "-x", "--exclude-regex", "--exclude", metavar="REGEX", help="Skip names that match completely."
-    )
-    offset_s: float = options.option(
-        "--start-offset", type=_Finite(0), default=0.0, metavar="SECONDS", help="Time to skip at the beginning."
-    )
-    playback_duration_s: float | None = options.option(
-        "--playback-duration", type=_Finite(), metavar="SECONDS", help="Maximum duration."
-    )
-    until_s: float | None = options.option(
-        "--playback-until-sec", type=_Finite(), metavar="SECONDS", help="End time, in seconds since 1970."
-    )
-    until_nanoseconds: int | None = options.option(
-        "--playback-until-nsec",
-        type=int,
-        metavar="NANOSECONDS",
-        help="End time, in nanoseconds since 1970. With --playback-duration, the later end counts.",
-    )
-    duration_s: float | None = options.option(
-        "--duration", type=_Finite(0), metavar="SECONDS", help="Maximum duration, exclusive."
-    )
-    delay_s: float = options.option(
-        "-d", "--delay", type=_Finite(0), default=0.0, metavar="SECONDS", help="Time to wait before the first message."
-    )
-    remaps: Sequence[str] = options.several("-m", "--remap", metavar="FROM:=TO...", help="Rename topics or services.")
-    qos_file: str | None = options.option(
-        "--qos-profile-overrides-path", type=click.Path(), metavar="FILE", help="YAML file with QoS profiles of topics."
-    )
-    clock_hz: float | None = options.option(
-        "--clock",
-        type=_Finite(0, 10_000, min_open=True),
-        is_flag=False,
-        flag_value=40.0,
-        metavar="[HZ]",
-        help="Publish the time of the bag on /clock, for nodes with use_sim_time. [default rate: 40]",
-    )
-    clock_topics: Sequence[str] = _names("topic", "--clock-topics", help="Publish /clock before each message of these.")
-    clock_topics_all: bool = options.flag("--clock-topics-all", help="Publish /clock before each message.")
-    start_paused: bool = options.flag("-p", "--start-paused", help="Start paused; a key or a service resumes.")
-    no_keys: bool = options.declared(options.no_keys)
-    acked_ms: int | None = options.option(
-        "--wait-for-all-acked",
-        type=click.IntRange(0),
-        metavar="MILLISECONDS",
-        help="Maximum time to wait at the end for acknowledgements; 0 waits without limit. [default: 5000]",
-    )
-    publish_requests: bool = options.flag("--publish-service-requests", help="Send service requests instead of events.")
-    actions_as_client: bool = options.flag(
-        "--send-actions-as-client", help="Send the requests of actions instead of events."
-    )
-    requests_source: str = options.option(
-        "--service-requests-source",
-        type=click.Choice(["service_introspection", "client_introspection"]),
-        default="service_introspection",
-        help="Side whose events are sent as requests.",
-    )
-    order: str = options.option(
-        "--message-order",
-        type=click.Choice(["received", "sent"]),
-        default="received",
-        help="Order by log time, or by publish time.",
-    )
-    read_ahead: int = options.option(
-        "--read-ahead-queue-size",
-        type=click.IntRange(1),
-        default=1000,
-        metavar="MESSAGES",
-        help="Number of messages to sort with --message-order sent.",
-    )
-    progress_hz: float = options.option(
-        "--progress-bar-update-rate",
-        type=_Finite(),
-        default=3.0,
-        metavar="HZ",
-        help="Update rate of the status line on a terminal; 0 disables it, below 0 updates it for each message.",
-    )
-    no_loans: bool = options.option("--disable-loan-message", is_flag=True, hidden=True)
+    inputs: Sequence[str]
+    storage: str | None
+    rate: float
+    loop: bool
+    topics: Sequence[str]
+    services: Sequence[str]
+    actions: Sequence[str]
+    regex: str | None
+    exclude_topics: Sequence[str]
+    exclude_services: Sequence[str]
+    exclude_actions: Sequence[str]
+    exclude_regex: str | None
+    offset_s: float
+    playback_duration_s: float | None
+    until_s: float | None
+    until_nanoseconds: int | None
+    duration_s: float | None
+    delay_s: float
+    remaps: Sequence[str]
+    qos_file: str | None
+    clock_hz: float | None
+    clock_topics: Sequence[str]
+    clock_topics_all: bool
+    start_paused: bool
+    no_keys: bool
+    acked_ms: int | None
+    publish_requests: bool
+    actions_as_client: bool
+    requests_source: str
+    order: str
+    read_ahead: int
+    progress_hz: float
+    no_loans: bool
     paths: Sequence[str] = ()
 
     @property
@@ -169,7 +100,122 @@ _ALTERNATIVES = (
 
 @click.command("play", cls=options.MultiValueCommand)
 @click.argument("path", type=click.Path(), required=False, metavar="BAG")
-@options.options_of(PlayOptions)
+@options.several("-i", "--input", "inputs", metavar="BAG", help="Bag; several are played together by their times.")
+@click.option("-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), help="Required storage format of all files.")
+@click.option(
+    "-r",
+    "--rate",
+    type=_Finite(0, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="FACTOR",
+    help="Speed relative to the recording; 2 is twice as fast.",
+)
+@click.option("-l", "--loop", is_flag=True, help="Repeat at the end.")
+@_names("topic", "--topics", help="Play only these, and those of --services, --actions and --regex.")
+@_names("service", "--services", help="Play only the events of these services, or send requests to them.")
+@_names("action", "--actions", help="Play only the topics and events of these actions.")
+@click.option("-e", "--regex", metavar="REGEX", help="Play only names that match completely.")
+@_names("topic", "--exclude-topics", help="Skip these topics.")
+@_names("service", "--exclude-services", help="Skip these services.")
+@_names("action", "--exclude-actions", help="Skip these actions.")
+@click.option("-x", "--exclude-regex", "--exclude", metavar="REGEX", help="Skip names that match completely.")
+@click.option(
+    "--start-offset", "offset_s", type=_Finite(0), default=0.0, metavar="SECONDS", help="Time to skip at the beginning."
+)
+@click.option("--playback-duration", "playback_duration_s", type=_Finite(), metavar="SECONDS", help="Maximum duration.")
+@click.option(
+    "--playback-until-sec", "until_s", type=_Finite(), metavar="SECONDS", help="End time, in seconds since 1970."
+)
+@click.option(
+    "--playback-until-nsec",
+    "until_nanoseconds",
+    type=int,
+    metavar="NANOSECONDS",
+    help="End time, in nanoseconds since 1970. With --playback-duration, the later end counts.",
+)
+@click.option("--duration", "duration_s", type=_Finite(0), metavar="SECONDS", help="Maximum duration, exclusive.")
+@click.option(
+    "-d",
+    "--delay",
+    "delay_s",
+    type=_Finite(0),
+    default=0.0,
+    metavar="SECONDS",
+    help="Time to wait before the first message.",
+)
+@options.several("-m", "--remap", "remaps", metavar="FROM:=TO...", help="Rename topics or services.")
+@click.option(
+    "--qos-profile-overrides-path",
+    "qos_file",
+    type=click.Path(),
+    metavar="FILE",
+    help="YAML file with QoS profiles of topics.",
+)
+@click.option(
+    "--clock",
+    "clock_hz",
+    type=_Finite(0, 10_000, min_open=True),
+    is_flag=False,
+    flag_value=40.0,
+    metavar="[HZ]",
+    help="Publish the time of the bag on /clock, for nodes with use_sim_time. [default rate: 40]",
+)
+@_names("topic", "--clock-topics", help="Publish /clock before each message of these.")
+@click.option("--clock-topics-all", is_flag=True, help="Publish /clock before each message.")
+@click.option("-p", "--start-paused", is_flag=True, help="Start paused; a key or a service resumes.")
+@options.no_keys
+@click.option(
+    "--wait-for-all-acked",
+    "acked_ms",
+    type=click.IntRange(0),
+    metavar="MILLISECONDS",
+    help="Maximum time to wait at the end for acknowledgements; 0 waits without limit. [default: 5000]",
+)
+@click.option(
+    "--publish-service-requests", "publish_requests", is_flag=True, help="Send service requests instead of events."
+)
+@click.option(
+    "--send-actions-as-client",
+    "actions_as_client",
+    is_flag=True,
+    help="Send the requests of actions instead of events.",
+)
+@click.option(
+    "--service-requests-source",
+    "requests_source",
+    type=click.Choice(["service_introspection", "client_introspection"]),
+    default="service_introspection",
+    show_default=True,
+    help="Side whose events are sent as requests.",
+)
+@click.option(
+    "--message-order",
+    "order",
+    type=click.Choice(["received", "sent"]),
+    default="received",
+    show_default=True,
+    help="Order by log time, or by publish time.",
+)
+@click.option(
+    "--read-ahead-queue-size",
+    "read_ahead",
+    type=click.IntRange(1),
+    default=1000,
+    show_default=True,
+    metavar="MESSAGES",
+    help="Number of messages to sort with --message-order sent.",
+)
+@click.option(
+    "--progress-bar-update-rate",
+    "progress_hz",
+    type=_Finite(),
+    default=3.0,
+    show_default=True,
+    metavar="HZ",
+    help="Update rate of the status line on a terminal; 0 disables it, below 0 updates it for each message.",
+)
+@click.option("--disable-loan-message", "no_loans", is_flag=True, hidden=True)
 @options.paths
 @options.node_options
 @verb

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,6 +13,7 @@ from rosidl_py_gen.ros_cli import options, verb
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli import AsyncCommand
     from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.ros_cli.options import F
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str]:
@@ -32,8 +33,8 @@ _SELECTING_OPTIONS = (
 """Options that select topics; at least one is required."""
 
 
-def _names(of: str, *names: str, help: str) -> Any:
-    """Declare an option for several ``topics``, ``services``, ``actions`` or ``types`` (`of`) of the graph."""
+def _names(of: str, *names: str, help: str) -> Callable[[F], F]:
+    """Add an option for several ``topics``, ``services``, ``actions`` or ``types`` (`of`) of the graph."""
     metavar = f"{names[-1].rpartition('-')[2].removesuffix('s').upper()}..."
     return options.several(*names, shell_complete=options.completion(of), metavar=metavar, help=help)
 
@@ -43,112 +44,143 @@ class RecordOptions:
     """Options of ``bag record``."""
 
     topics: Sequence[str]
-    more_topics: Sequence[str] = _names("topics", "--topics", help="Record these topics, in addition to TOPICS.")
-    services: Sequence[str] = _names(
-        "services", "--services", help="Record the events of these services, if they publish any."
-    )
-    actions: Sequence[str] = _names("actions", "--actions", help="Record feedback, status and events of these actions.")
-    topic_types: Sequence[str] = _names("types", "--topic-types", help="Record topics of these types.")
-    everything: bool = options.flag("-a", "--all", help="Record all topics, services and actions that publish.")
-    all_topics: bool = options.flag("--all-topics", help="Record every published topic.")
-    all_services: bool = options.flag("--all-services", help="Record the events of all services that publish any.")
-    all_actions: bool = options.flag("--all-actions", help="Record all actions, as with --actions.")
-    regex: str | None = options.option(
-        "-e", "--regex", metavar="REGEX", help="Record topics, services and actions whose name contains a match."
-    )
-    exclude: Sequence[str] = options.option(
-        "-x",
-        "--exclude",
-        "--exclude-regex",
-        multiple=True,
-        metavar="REGEX",
-        help="Skip names that contain a match. May be repeated.",
-    )
-    exclude_topics: Sequence[str] = _names("topics", "--exclude-topics", help="Skip these topics.")
-    exclude_services: Sequence[str] = _names("services", "--exclude-services", help="Skip these services.")
-    exclude_actions: Sequence[str] = _names("actions", "--exclude-actions", help="Skip these actions.")
-    exclude_topic_types: Sequence[str] = _names("types", "--exclude-topic-types", help="Skip topics of these types.")
-    hidden: bool = options.flag("--include-hidden-topics", help="Also record names that begin with _.")
-    unpublished: bool = options.flag("--include-unpublished-topics", help="Also record topics without publishers.")
-    no_leaves: bool = options.flag("--ignore-leaf-topics", help="Skip topics without subscribers.")
-    no_discovery: bool = options.flag("--no-discovery", help="Record only topics that exist at the start.")
-    polling_ms: int = options.option(
-        "-p",
-        "--polling-interval",
-        type=click.IntRange(0),
-        default=0,
-        show_default=True,
-        metavar="MILLISECONDS",
-        help="Minimum interval between searches for new topics; 0 records them as soon as they appear.",
-    )
-    qos_file: str | None = options.option(
-        "--qos-profile-overrides-path",
-        type=click.Path(),
-        metavar="FILE",
-        help="YAML file with QoS profiles of subscriptions.",
-    )
-    output: str | None = options.option(
-        "-o", "--output", type=click.Path(), help="Folder, or file that ends with .mcap."
-    )
-    storage: str = options.declared(options.output_storage)
-    serialization_format: str | None = options.option(
-        "-f", "--serialization-format", type=click.Choice(["cdr"]), help="Serialization of messages."
-    )
-    compression: str | None = options.option(
-        "--compression",
-        type=click.Choice(["zstd", "lz4", "none"]),
-        help="Compression of chunks inside MCAP files. [default: zstd, none with --compression-mode]",
-    )
-    compression_mode: Literal["none", "file", "message"] = options.option(
-        "--compression-mode",
-        type=click.Choice(["none", "file", "message"]),
-        default="none",
-        help="Compress whole files, or each message.",
-    )
-    compression_format: str | None = options.option(
-        "--compression-format", type=click.Choice(["zstd"]), help="Compression of --compression-mode."
-    )
-    threads: int = options.option(
-        "--compression-threads",
-        type=click.IntRange(0, 256),
-        default=0,
-        metavar="COUNT",
-        help="Threads of --compression-mode; 0 uses one for each core for files, and one for messages.",
-    )
-    split_bytes: int | None = options.declared(options.max_bag_size)
-    split_s: float | None = options.declared(options.max_bag_duration)
-    cache_bytes: int | None = options.option(
-        "--max-cache-size",
-        type=click.IntRange(0),
-        metavar="BYTES",
-        help="Maximum size of waiting messages [default: 512 MiB], or of a snapshot [default: 100 MiB]; 0 writes each "
-        "message at once.",
-    )
-    duration_s: float | None = options.option(
-        "--duration",
-        type=click.FloatRange(0, min_open=True),
-        metavar="SECONDS",
-        help="Maximum duration, including discovery.",
-    )
-    custom_data: Mapping[str, str] = options.several(
-        "--custom-data", callback=_pairs, metavar="KEY=VALUE...", help="Texts for metadata.yaml."
-    )
-    snapshots: bool = options.flag("--snapshot-mode", help="Write the latest messages when ~/snapshot is called.")
-    start_paused: bool = options.flag("--start-paused", help="Start paused; the space key or a service resumes.")
-    no_keys: bool = options.declared(options.no_keys)
-    sim_time: bool = options.flag(
-        "--use-sim-time", help="Use the times of /clock, and skip messages before the first one."
-    )
-    node_name: str = options.option(
-        "--node-name", default="rosbag2_recorder", show_default=True, metavar="NAME", help="Name of the recording node."
-    )
+    more_topics: Sequence[str]
+    services: Sequence[str]
+    actions: Sequence[str]
+    topic_types: Sequence[str]
+    everything: bool
+    all_topics: bool
+    all_services: bool
+    all_actions: bool
+    regex: str | None
+    exclude: Sequence[str]
+    exclude_topics: Sequence[str]
+    exclude_services: Sequence[str]
+    exclude_actions: Sequence[str]
+    exclude_topic_types: Sequence[str]
+    hidden: bool
+    unpublished: bool
+    no_leaves: bool
+    no_discovery: bool
+    polling_ms: int
+    qos_file: str | None
+    output: str | None
+    storage: str
+    serialization_format: str | None
+    compression: str | None
+    compression_mode: Literal["none", "file", "message"]
+    compression_format: str | None
+    threads: int
+    split_bytes: int | None
+    split_s: float | None
+    cache_bytes: int | None
+    duration_s: float | None
+    custom_data: Mapping[str, str]
+    snapshots: bool
+    start_paused: bool
+    no_keys: bool
+    sim_time: bool
+    node_name: str
     paths: Sequence[str] = ()
     as_json: bool = False
 
 
 @click.command("record", cls=options.MultiValueCommand)
 @click.argument("topics", nargs=-1, cls=options.SeveralArgument, shell_complete=options.completion("topics"))
-@options.options_of(RecordOptions)
+@_names("topics", "more_topics", "--topics", help="Record these topics, in addition to TOPICS.")
+@_names("services", "--services", help="Record the events of these services, if they publish any.")
+@_names("actions", "--actions", help="Record feedback, status and events of these actions.")
+@_names("types", "--topic-types", help="Record topics of these types.")
+@click.option("-a", "--all", "everything", is_flag=True, help="Record all topics, services and actions that publish.")
+@click.option("--all-topics", is_flag=True, help="Record every published topic.")
+@click.option("--all-services", is_flag=True, help="Record the events of all services that publish any.")
+@click.option("--all-actions", is_flag=True, help="Record all actions, as with --actions.")
+@click.option("-e", "--regex", metavar="REGEX", help="Record topics, services and actions whose name contains a match.")
+@click.option(
+    "-x",
+    "--exclude",
+    "--exclude-regex",
+    multiple=True,
+    metavar="REGEX",
+    help="Skip names that contain a match. May be repeated.",
+)
+@_names("topics", "--exclude-topics", help="Skip these topics.")
+@_names("services", "--exclude-services", help="Skip these services.")
+@_names("actions", "--exclude-actions", help="Skip these actions.")
+@_names("types", "--exclude-topic-types", help="Skip topics of these types.")
+@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also record names that begin with _.")
+@click.option(
+    "--include-unpublished-topics", "unpublished", is_flag=True, help="Also record topics without publishers."
+)
+@click.option("--ignore-leaf-topics", "no_leaves", is_flag=True, help="Skip topics without subscribers.")
+@click.option("--no-discovery", is_flag=True, help="Record only topics that exist at the start.")
+@click.option(
+    "-p",
+    "--polling-interval",
+    "polling_ms",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    metavar="MILLISECONDS",
+    help="Minimum interval between searches for new topics; 0 records them as soon as they appear.",
+)
+@click.option(
+    "--qos-profile-overrides-path",
+    "qos_file",
+    type=click.Path(),
+    metavar="FILE",
+    help="YAML file with QoS profiles of subscriptions.",
+)
+@click.option("-o", "--output", type=click.Path(), help="Folder, or file that ends with .mcap.")
+@options.output_storage
+@click.option("-f", "--serialization-format", type=click.Choice(["cdr"]), help="Serialization of messages.")
+@click.option(
+    "--compression",
+    type=click.Choice(["zstd", "lz4", "none"]),
+    help="Compression of chunks inside MCAP files. [default: zstd, none with --compression-mode]",
+)
+@click.option(
+    "--compression-mode",
+    type=click.Choice(["none", "file", "message"]),
+    default="none",
+    show_default=True,
+    help="Compress whole files, or each message.",
+)
+@click.option("--compression-format", type=click.Choice(["zstd"]), help="Compression of --compression-mode.")
+@click.option(
+    "--compression-threads",
+    "threads",
+    type=click.IntRange(0, 256),
+    default=0,
+    metavar="COUNT",
+    help="Threads of --compression-mode; 0 uses one for each core for files, and one for messages.",
+)
+@options.split_options
+@click.option(
+    "--max-cache-size",
+    "cache_bytes",
+    type=click.IntRange(0),
+    metavar="BYTES",
+    help="Maximum size of waiting messages [default: 512 MiB], or of a snapshot [default: 100 MiB]; 0 writes each "
+    "message at once.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=click.FloatRange(0, min_open=True),
+    metavar="SECONDS",
+    help="Maximum duration, including discovery.",
+)
+@options.several("--custom-data", callback=_pairs, metavar="KEY=VALUE...", help="Texts for metadata.yaml.")
+@click.option("--snapshot-mode", "snapshots", is_flag=True, help="Write the latest messages when ~/snapshot is called.")
+@click.option("--start-paused", is_flag=True, help="Start paused; the space key or a service resumes.")
+@options.no_keys
+@click.option(
+    "--use-sim-time", "sim_time", is_flag=True, help="Use the times of /clock, and skip messages before the first one."
+)
+@click.option(
+    "--node-name", default="rosbag2_recorder", show_default=True, metavar="NAME", help="Name of the recording node."
+)
 @options.paths
 @options.as_json
 @options.node_options

@@ -31,7 +31,7 @@ from rclpy.executors import Executor
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.guard_condition import GuardCondition
 from rclpy.handles import ContextHandle, Handle, denied_as_rcl_error
-from rclpy.impl._fields import value_or_default
+from rclpy.impl._fields import checked_attribute
 from rclpy.logging import get_logger
 from rclpy.logging_service import LoggingService
 from rclpy.node_parameters import *
@@ -96,9 +96,6 @@ class BaseNode(NodeParameters):
     Subclasses create the entities, and must create the clock before they call the constructor.
     """
 
-    _clock: Any
-    _rosidl_clock: Any
-
     def __init__(
         self,
         node_name: str,
@@ -150,12 +147,12 @@ class BaseNode(NodeParameters):
                 raise RCLError(f"failed to create the publisher of /rosout: {error}") from error
         logger_name = node.fully_qualified_name[1:].replace("/", ".")
         self._rosidl_node: Handle[runtime.Node] = Handle(context_handle, node, context_handle, logger_name=logger_name)
-        self._rosidl_logger = self._logger = get_logger(logger_name)
+        self._logger = get_logger(logger_name)
         self._rosidl_init_parameters(
             parameter_overrides, allow_undeclared_parameters, automatically_declare_parameters_from_overrides
         )
         self._time_source = source = TimeSource(node=self)
-        source.attach_clock(self._rosidl_clock)
+        source.attach_clock(self._clock)
         if start_parameter_services:
             self._parameter_service = ParameterService(self)
         if enable_logger_service:
@@ -198,7 +195,7 @@ class BaseNode(NodeParameters):
 
     @property
     def context(self) -> Context:
-        return value_or_default(self._context, Context, self._rosidl_context)
+        return self._context
 
     @property
     def handle(self) -> Handle[runtime.Node]:
@@ -223,13 +220,9 @@ class BaseNode(NodeParameters):
         with self.handle as handle:
             return handle.entity.fully_qualified_name
 
-    def _rosidl_own_clock(self) -> Any:
-        return value_or_default(self._clock, BaseClock, self._rosidl_clock)
-
     def get_logger(self) -> RcutilsLogger:
         """Return the logger with the node's name."""
-        logger = self._logger
-        return logger if hasattr(logger, "info") else self._rosidl_logger
+        return checked_attribute("_logger", self._logger, "info")
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """Return the full name of a topic, remapped unless `only_expand`; raise RCLError for an invalid name."""
@@ -526,15 +519,14 @@ class Node(BaseNode):
         enable_logger_service: bool = False,
     ) -> None:
         self._rosidl_executor: weakref.ref[Executor] | None = None
-        self._rosidl_clock = self._clock = ROSClock()
-        # Some programs read rclpy's private attributes (`_timers`), others store values of other types in them. So each
-        # list is stored twice; the code here uses `_rosidl_entity_lists`.
+        self._clock: Clock = ROSClock()
+        # Programs read rclpy's lists (`_timers`), or store lists of their own under these names. So each list is stored
+        # twice; the code here uses `_rosidl_entity_lists`.
         self._rosidl_entity_lists: dict[str, list[Any]] = {kind: [] for kind in (*_KINDS, "waitables")}
-        self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
-        self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
         for kind in _KINDS:
             setattr(self, f"_{kind}", self._rosidl_entity_lists[kind])
-        self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
+        self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rate_group: CallbackGroup = ReentrantCallbackGroup()
         super().__init__(
             node_name,
             context=context,
@@ -570,8 +562,7 @@ class Node(BaseNode):
 
     def get_clock(self) -> Clock:
         """Return the clock of ROS time, which may be simulated."""
-        clock: Clock = self._clock
-        return clock if hasattr(clock, "now") else self._rosidl_clock
+        return checked_attribute("_clock", self._clock, "now")
 
     @property
     def publishers(self) -> Iterator[Publisher]:
@@ -605,7 +596,7 @@ class Node(BaseNode):
     @property
     def default_callback_group(self) -> CallbackGroup:
         """Group of the entities that are created without a group: it runs one callback at a time."""
-        return value_or_default(self._default_callback_group, CallbackGroup, self._rosidl_group)
+        return checked_attribute("_default_callback_group", self._default_callback_group, "can_execute")
 
     def _rosidl_register(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
         if group is not None:
@@ -737,7 +728,7 @@ class Node(BaseNode):
         """Create a client; raise InvalidServiceNameException, NoTypeSupportImportedException or RCLError."""
         group = self.default_callback_group if callback_group is None else callback_group
         handle = self._rosidl_create_on_service("client", srv_type, srv_name, qos_profile)
-        client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
+        client = Client(self._rosidl_context, handle, srv_type, srv_name, qos_profile, group)
         return self._rosidl_register(client, group, "clients")
 
     def create_service(
@@ -777,8 +768,8 @@ class Node(BaseNode):
         group = self.default_callback_group if callback_group is None else callback_group
         self._rosidl_require_ok()
         with self.handle:
-            clock = self._rosidl_own_clock() if clock is None else clock
-            timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
+            clock = checked_attribute("_clock", self._clock, "now") if clock is None else clock
+            timer = Timer(callback, group, period_ns, clock, context=self._rosidl_context, autostart=autostart)
         return self._rosidl_register(timer, group, "timers")
 
     def create_guard_condition(
@@ -788,7 +779,7 @@ class Node(BaseNode):
         group = self.default_callback_group if callback_group is None else callback_group
         self._rosidl_require_ok()
         with self.handle:
-            guard = GuardCondition(callback, group, context=self.context)
+            guard = GuardCondition(callback, group, context=self._rosidl_context)
         return self._rosidl_register(guard, group, "guards")
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
@@ -799,8 +790,8 @@ class Node(BaseNode):
         """
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
-        group = value_or_default(self._rate_group, CallbackGroup, self._rosidl_rate_group)
-        return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
+        group = checked_attribute("_rate_group", self._rate_group, "can_execute")
+        return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self._rosidl_context)
 
     def add_waitable(self, waitable: Waitable) -> None:
         """Make the executor wait for a `Waitable` of the program, and execute it when it is ready."""

@@ -23,7 +23,7 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.impl._fields import value_or_default
+from rclpy.impl._fields import checked_attribute
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM as _START_SERVICE
@@ -55,12 +55,12 @@ class NodeParameters:
     PARAM_REL_TOL = rules.RELATIVE_TOLERANCE
 
     if TYPE_CHECKING:  # of Node
+        _clock: Any
 
         @property
         def handle(self) -> Handle[runtime.Node]: ...
         def get_name(self) -> str: ...
         def get_namespace(self) -> str: ...
-        def _rosidl_own_clock(self) -> Any: ...
         def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Any: ...
 
     def _rosidl_init_parameters(
@@ -76,7 +76,7 @@ class NodeParameters:
         self._pre_set_parameters_callbacks = self._rosidl_pre_set
         self._on_set_parameters_callbacks = self._rosidl_on_set
         self._post_set_parameters_callbacks = self._rosidl_post_set
-        self._rosidl_allow_undeclared = self._allow_undeclared_parameters = allow_undeclared
+        self._allow_undeclared_parameters = allow_undeclared
         events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
         self._rosidl_parameter_events, self._parameter_event_publisher = events, cast("Publisher | None", events)
         with self.handle as handle:
@@ -87,13 +87,10 @@ class NodeParameters:
             name: Parameter(name, value=_to_rclpy_value(info.value.value)) for name, info in initial_parameters.items()
         }
         overrides |= {parameter.name: parameter for parameter in program_overrides or ()}
-        self._rosidl_overrides = self._parameter_overrides = overrides
+        self._parameter_overrides = overrides
         if declare:
             initial = [(name, override.value, ParameterDescriptor()) for name, override in overrides.items()]
             self.declare_parameters("", initial, ignore_override=True)
-
-    def _rosidl_allows_undeclared(self) -> bool:
-        return value_or_default(self._allow_undeclared_parameters, bool, self._rosidl_allow_undeclared)
 
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
@@ -129,7 +126,7 @@ class NodeParameters:
         """
         requested: list[Parameter] = []
         descriptors: dict[str, Any] = {}
-        overrides: dict[str, Parameter] = value_or_default(self._parameter_overrides, dict, self._rosidl_overrides)
+        overrides: dict[str, Parameter] = checked_attribute("_parameter_overrides", self._parameter_overrides, "keys")
         for index, declaration in enumerate(parameters):
             name, value, descriptor = _read_declaration(namespace, index, declaration)
             if not ignore_override and name in overrides:
@@ -180,7 +177,7 @@ class NodeParameters:
         """
         if self.has_parameter(name):
             return self._rosidl_values[name].type_.value
-        if self._rosidl_allows_undeclared():
+        if self._allow_undeclared_parameters:
             return Parameter.Type.NOT_SET
         raise ParameterNotDeclaredException(name)
 
@@ -201,7 +198,7 @@ class NodeParameters:
             if parameter.type_ is Parameter.Type.NOT_SET and not self._rosidl_descriptors[name].dynamic_typing:
                 raise ParameterUninitializedException(name)
             return parameter
-        if self._rosidl_allows_undeclared():
+        if self._allow_undeclared_parameters:
             return Parameter(name)
         raise ParameterNotDeclaredException(name)
 
@@ -249,7 +246,7 @@ class NodeParameters:
         """
         if name in self._rosidl_descriptors:
             return self._rosidl_descriptors[name]
-        if self._rosidl_allows_undeclared():
+        if self._allow_undeclared_parameters:
             return ParameterDescriptor()
         raise ParameterNotDeclaredException(name)
 
@@ -289,7 +286,7 @@ class NodeParameters:
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared_names = [parameter.name for parameter in parameter_list if parameter.name not in self._rosidl_values]
-        if undeclared_names and not self._rosidl_allows_undeclared():
+        if undeclared_names and not self._allow_undeclared_parameters:
             raise ParameterNotDeclaredException(undeclared_names)
         return self._rosidl_apply(parameter_list, None)
 
@@ -317,10 +314,10 @@ class NodeParameters:
             if not result.successful:
                 return result
         namespace = self.get_namespace()
-        event = ParameterEvent(node=f"{'' if namespace == '/' else namespace}/{self.get_name()}")
+        stamp = checked_attribute("_clock", self._clock, "now").now().to_msg()
+        event = ParameterEvent(stamp=stamp, node=f"{'' if namespace == '/' else namespace}/{self.get_name()}")
         for parameter in parameters:
             self._rosidl_store(parameter, new_descriptors, event)
-        event.stamp = self._rosidl_own_clock().now().to_msg()
         self._rosidl_parameter_events.publish(event)
         for post_callback in tuple(self._rosidl_post_set):
             post_callback(parameters)

@@ -169,8 +169,8 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         try:
             return await future
         except RequestTimedOutError:
-            message = f"no response from {self.name} ({self.service_type}) in {timeout_s:g} s"
-            raise CallTimeoutError(message) from None
+            text = f"no response from {self.name} ({self.service_type}) in {timeout_s:g} s"
+            raise CallTimeoutError(with_reason(text, self._type_hash_filter.drop_reason)) from None
         finally:
             self._abandon_request(pending.key)
 
@@ -313,22 +313,16 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         while (reply := take()) is not None:
             number, response, server = reply
             pending = self._by_sequence_number.get(number)
-            try:
-                if isinstance(response, NoReply):
-                    raise self._lost_reason(response)
-                if isinstance(response, DecodeError):
-                    raise response
-                data = response if server in accepted else self._type_hash_filter.payload(server, response)
-            except (ServerLostError, DecodeError) as error:
+            if isinstance(response, NoReply):
                 if pending is not None:
-                    self._fail(pending, error)
+                    self._fail(pending, self._lost_reason(response))
                 continue
-            if data is None:
+            if server not in accepted and not self._type_hash_filter.accepts(server, response):
                 continue
             if self._introspection is not None:
-                self._introspection.publish(self._transport_client.gid, number, data, is_sent=False)
+                self._introspection.publish(self._transport_client.gid, number, response, is_sent=False)
             if pending is not None:
-                self._handle_reply(pending, data, server)
+                self._handle_reply(pending, response, server)
 
     def _on_discovery(self, _: object) -> None:
         if self._pending:

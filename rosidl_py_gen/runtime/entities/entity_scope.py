@@ -307,13 +307,20 @@ class EntityScope:
             self.require_open(False, "the node")
 
     def set_type_hash_check(
-        self, mode: TypeCheck, guid: bytes, converts: Callable[[DiscoveredEndpoint], bool] | None = None
+        self,
+        mode: TypeCheck,
+        guid: bytes,
+        on_other_definition: Callable[[DiscoveredEndpoint], object] | None = None,
     ) -> None:
-        """Set the type hash check of an endpoint before it is announced; `converts` is True for convertible peers."""
+        """Set the type hash check of an endpoint before it is announced.
+
+        Args:
+            on_other_definition: called with each writer that has another definition than the endpoint, a reader.
+        """
         if mode != DEFAULT_CHECK:
             self.discovery.type_hash_checks[guid] = mode
-        if converts is not None:
-            self.discovery.conversions[guid] = converts
+        if on_other_definition is not None:
+            self.discovery.on_other_definition[guid] = on_other_definition
 
     def unregister(self, entity: object, *guids: bytes) -> None:
         """Stop owning an entity, and withdraw its endpoints with these GUIDs.

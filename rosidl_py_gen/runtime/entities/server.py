@@ -187,11 +187,8 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         try:
             if isinstance(data, DecodeError):
                 raise data
-            if client not in self._accepted_writers:
-                converted = self._type_hash_filter.payload(client, data)
-                if converted is None:
-                    return None
-                data = converted
+            if client not in self._accepted_writers and not self._type_hash_filter.accepts(client, data):
+                return None
             if self._introspection is not None:
                 self._introspection.publish(*self._transport_server.request_origin(origin), data, is_sent=False)
             return ServiceRequest(self, origin, self._type.request.decode(data), (source_ns, received_ns))

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity, Throttle, entity_repr
-from rosidl_py_gen.runtime.entities.type_hash_filter import ServiceConverters, TypeHashFilter
+from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode, type_hashes_differ
 from rosidl_py_gen.runtime.loop.send_queue import SendQueue
 from rosidl_py_gen.runtime.transport.matching import without_best_available
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.introspection import IntrospectionState, ServiceEventPublisher
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
@@ -83,7 +80,6 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             scope, self._mode, lambda guid: guid, read, name, service_type.type_hash
         )
         self._accepted_writers = self._type_hash_filter.accepted_writers
-        self._converters = ServiceConverters(scope, service_type, self._mode, name, is_client=is_client)
         self._spec = ServiceSpec(
             name,
             self.service_type,
@@ -93,26 +89,21 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             self.qos,
             scope.number,
             self._is_compatible,
-            self._converters.get,
         )
 
     def _open(self, transport_end: TransportEndT) -> TransportEndT:
         self._transport_end: TransportClient | TransportServer = transport_end
         self._connected = transport_end.connected
-        converts: tuple[Callable[[DiscoveredEndpoint], bool] | None, Callable[[DiscoveredEndpoint], bool] | None]
-        converts = self._type_hash_filter.converts, None
         if transport_end.matches_by_hash:
             self._type_hash_filter.disable()
-            accepts = partial(self._converters.accepts, accept=transport_end.accept_type_hash)
-            converts = accepts, accepts
-        for guid, function in zip(transport_end.endpoints, converts, strict=True):
-            self._scope.set_type_hash_check(self._mode, guid, function)
+        reader, writer = transport_end.endpoints
+        self._scope.set_type_hash_check(self._mode, reader, self._type_hash_filter.remember)
+        self._scope.set_type_hash_check(self._mode, writer)
         return transport_end
 
     def _is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
         if endpoint.is_writer:
             return self._type_hash_filter.is_compatible(endpoint)
-        # What is sent has the definition of its hash, and few peers convert it.
         own_hashes = self._written_hash, self._type_hash_filter.service_hash
         return self._mode in ("warn", "off") or not type_hashes_differ(endpoint, *own_hashes)
 
@@ -123,13 +114,8 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
 
     @property
     def incompatible_dropped(self) -> int:
-        """Number of requests or responses dropped because the peer announces another definition of the type."""
+        """Number of requests or responses dropped because the peer has another definition of the type."""
         return self._type_hash_filter.incompatible_dropped
-
-    @property
-    def converted(self) -> int:
-        """Number of received requests or responses converted from the definition of another ROS distribution."""
-        return self._type_hash_filter.converted + self._converters.converted
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish requests and responses on ``<service>/_service_event`` from now on.

@@ -120,17 +120,9 @@ class Subscription(PollableEntity, Generic[T]):
         """QoS profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
-        self._type_hash_filter = TypeHashFilter(
-            scope,
-            mode,
-            self._reader.writer_guid,
-            message_type,
-            topic,
-            on_converted=self._reader.accept_type_hash,
-            hash_of=self._reader.type_hash_of,
-        )
+        self._type_hash_filter = TypeHashFilter(scope, mode, self._reader.writer_guid, message_type, topic)
         self._accepted_writers = self._type_hash_filter.accepted_writers
-        scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.converts)
+        scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.remember)
         depth = self._reader.queue.depth
         self._warning_length = depth if depth > 1 else -1
         """Queue length from which on drops cause a warning; -1 after the warning, or if the depth is 1."""
@@ -210,24 +202,17 @@ class Subscription(PollableEntity, Generic[T]):
         return taken
 
     def _set_definition(self, message_type: MessageType[T], taken: deque[tuple[T, MessageInfo]]) -> None:
-        """Convert raw messages that are taken from now on to a definition, which was not known at creation.
+        """Set the definition of raw messages, which was not known at creation; messages of others are dropped.
 
         Args:
-            taken: raw messages that were taken before, of this or an earlier subscription; they are converted in place.
+            taken: raw messages that were taken before, of this or an earlier subscription; those of other definitions
+                are removed.
         """
         self._type_hash_filter.set_definition(message_type)
-        by_guid = self._type_hash_filter.of_guids(message_type)
         for _ in range(len(taken)):
             data, info = taken.popleft()
-            try:
-                converted = by_guid.payload(info.publisher_gid, cast("Payload", data))
-            except DecodeError as err:
-                self._count_undecodable(err)
-            else:
-                if converted is not None:
-                    taken.append((self._decode(converted), info))
-        self._type_hash_filter.converted += by_guid.converted
-        self._type_hash_filter.incompatible_dropped += by_guid.incompatible_dropped
+            if self._type_hash_filter.accepts_from(info.publisher_gid, cast("Payload", data)):
+                taken.append((data, info))
 
     def _info(self, sample: Sample) -> MessageInfo:
         _, source_ns, handle, received_ns, number = sample
@@ -259,12 +244,9 @@ class Subscription(PollableEntity, Generic[T]):
                 sample = self._items.popleft() if newest_of is None else newest_of.pop()
             except IndexError:  # another thread was faster
                 return None
-            data: Payload | None = sample[0]
             try:
-                if sample[2] not in self._accepted_writers:
-                    data = self._type_hash_filter.payload(sample[2], sample[0])
-                if data is not None:
-                    return self._decode(data), sample
+                if sample[2] in self._accepted_writers or self._type_hash_filter.accepts(sample[2], sample[0]):
+                    return self._decode(sample[0]), sample
             except DecodeError as err:
                 self._count_undecodable(err)
         return None
@@ -400,13 +382,8 @@ class Subscription(PollableEntity, Generic[T]):
 
     @property
     def incompatible_dropped(self) -> int:
-        """Number of messages dropped because their publisher announces another definition of the type."""
+        """Number of messages dropped because their publisher has another definition of the type."""
         return self._type_hash_filter.incompatible_dropped
-
-    @property
-    def converted(self) -> int:
-        """Number of messages converted from the definition of another ROS distribution."""
-        return self._type_hash_filter.converted
 
     @property
     def publisher_count(self) -> int:
@@ -454,6 +431,7 @@ class Subscription(PollableEntity, Generic[T]):
             return self._why_unmatched()
         if self.incompatible_dropped and (
             reason := self._scope.discovery.unmatched.disagreeing(self._reader.guid, self._topic_key)
+            or self._type_hash_filter.drop_reason
         ):
             return f"{reason}; dropped {pluralize(self.incompatible_dropped, 'message')}"
         silent = f"{pluralize(count, 'publisher')} connected, but sent nothing"

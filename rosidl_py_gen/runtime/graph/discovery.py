@@ -17,7 +17,12 @@ from rosidl_py_gen.base.occurrences import MAX_FIRST, is_logged
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
-from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_differ
+from rosidl_py_gen.runtime.graph.type_hashes import (
+    DEFAULT_CHECK,
+    distribution_advice,
+    distributions_of,
+    type_hashes_differ,
+)
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name, report_failure
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
@@ -73,8 +78,8 @@ class Discovery:
         """Function of `Context.on_incompatible_endpoint`."""
         self.type_hash_checks: dict[bytes, str] = {}
         """Type hash check of own endpoints, without those that have the default."""
-        self.conversions: dict[bytes, Callable[[DiscoveredEndpoint], bool]] = {}
-        """Functions of own endpoints that return True for a peer whose other definition they convert."""
+        self.on_other_definition: dict[bytes, Callable[[DiscoveredEndpoint], object]] = {}
+        """Functions of own readers, which are called with each writer that has another definition."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
@@ -110,7 +115,7 @@ class Discovery:
             removed = {*remove, b""}
             for guid in remove:
                 self.type_hash_checks.pop(guid, None)
-                self.conversions.pop(guid, None)
+                self.on_other_definition.pop(guid, None)
             readers, writers = (node.reader_gids | {reader}) - removed, (node.writer_gids | {writer}) - removed
             self._nodes[number] = NodeEntities(node.namespace, node.name, readers, writers)
             self._publish_or_schedule()
@@ -223,13 +228,18 @@ class Discovery:
             if result is None:
                 continue
             self._reported.add((writer.guid, reader.guid))
-            modes = {self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
+            modes = {endpoint.guid: self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
             is_definition = result.kind is IncompatibilityKind.DEFINITION
-            is_accepted = self.is_converted(result) or (is_definition and modes == {"off"})
-            if is_accepted or not self._is_first_report(writer, reader):
+            if is_definition and reader.guid in self.on_other_definition:
+                self.on_other_definition[reader.guid](writer)
+            if (is_definition and {*modes.values()} == {"off"}) or not self._is_first_report(writer, reader):
                 continue
-            is_delivered = is_definition and reader in own and modes <= {"warn", "off"}
-            self._defer(partial(self._warn, result, is_delivered), writer, reader)
+            # The reader decides what is delivered, so the writer is the peer if both are own endpoints.
+            pair = (writer, reader) if reader in own else (reader, writer)
+            distros = distributions_of(*pair) if is_definition else ()
+            mode = modes.get(reader.guid, DEFAULT_CHECK)
+            is_delivered = is_definition and (mode == "off" or (mode == "warn" and not distros))
+            self._defer(partial(self._warn, result, is_delivered, distros), writer, reader)
 
     def call_when_named(self, function: Callable[[], None], *endpoints: DiscoveredEndpoint) -> None:
         """Call a function when the nodes of endpoints are known; at the latest after a second on a loop, or at `close`.
@@ -263,13 +273,6 @@ class Discovery:
             else:
                 self._deferred.append((function, endpoints))
 
-    def is_converted(self, incompatibility: Incompatibility) -> bool:
-        """Return True if one of two endpoints with different definitions is an own one that converts."""
-        pair = incompatibility.reader, incompatibility.writer
-        return incompatibility.kind is IncompatibilityKind.DEFINITION and any(
-            own.guid in self.conversions and self.conversions[own.guid](peer) for own, peer in (pair, pair[::-1])
-        )
-
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Return False if the other topic of the service was reported for the same two participants."""
         kind, name = writer.topic_key
@@ -280,8 +283,13 @@ class Discovery:
         self._reported.add(key)
         return is_first
 
-    def _warn(self, incompatibility: Incompatibility, is_delivered: bool) -> None:
-        """Log an incompatibility; `is_delivered` is True if messages are delivered in spite of it."""
+    def _warn(self, incompatibility: Incompatibility, is_delivered: bool, distros: tuple[str, ...]) -> None:
+        """Log an incompatibility.
+
+        Args:
+            is_delivered: messages are delivered in spite of it.
+            distros: distributions that have the definition of the peer.
+        """
         if self._closed:
             return
         writer, reader = incompatibility.writer, incompatibility.reader
@@ -292,7 +300,12 @@ class Discovery:
         names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
         text = f"{effect} on {own.topic_key.name} {names}: {incompatibility.reason}"
         if incompatibility.kind is IncompatibilityKind.DEFINITION:
-            text += _STILL_DELIVERED if is_delivered else _ADVICE
+            advice = _ADVICE
+            if distros:
+                peer = writer if reader.participant_guid == self._participant.guid else reader
+                start = f". The definition of {self.graph.describe_node(peer)} is that of ROS 2 {', '.join(distros)}"
+                advice = f"{start}: {distribution_advice(distros, own.service_type or own.type)}"
+            text += _STILL_DELIVERED if is_delivered else advice
         if self.on_incompatible_endpoint is not None:
             try:
                 self.on_incompatible_endpoint(text, own.topic_key.name)

@@ -102,7 +102,7 @@ class SubscriptionEventCallbacks:
         deadline: a publisher has sent nothing within the deadline; only on DDS.
         liveliness: the liveliness of a publisher has changed; only on DDS.
         message_lost: DDS or Zenoh has lost messages. `Subscription.dropped` counts those that the queue has dropped.
-        incompatible_type: a publisher has another type, or another definition of it that is not converted.
+        incompatible_type: a publisher has another type, or another definition of it.
         incompatible_qos: a publisher offers less than the subscription requests.
         matched: publishers were matched or have left.
     """
@@ -265,7 +265,7 @@ class EndpointEventPoller:
             self._compared.add(other.guid)
             pair = (own, other) if own.is_writer else (other, own)
             result = self._discovery.incompatibility(*pair)
-            if result is not None and not self._discovery.is_converted(result):
+            if result is not None:
                 name = "incompatible_qos" if result.mismatch_kind == "qos" else "incompatible_type"
                 events.setdefault(name, []).append((result.reason, next(iter(result.policies), QoSPolicyKind.INVALID)))
         for name, items in events.items():

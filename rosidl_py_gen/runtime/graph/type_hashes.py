@@ -7,18 +7,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, get_args
 
+from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.errors import RosidlError
+
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
 
-TypeCheck = Literal["convert", "error", "warn", "off"]
-"""Treatment of messages whose sender announces another definition.
+TypeCheck = Literal["error", "warn", "off"]
+"""Treatment of messages whose sender has another definition.
 
-With ``convert`` and ``warn``, they are converted if the definition is one of another ROS distribution. Others are
-dropped, or delivered as they are with ``warn``. ``error`` drops all of them, ``off`` delivers them without a warning.
+``error`` drops them. ``warn`` delivers those of unknown definitions, and drops those of another ROS distribution, whose
+bytes would be misread. ``off`` delivers all of them without a warning.
 """
-DEFAULT_CHECK: TypeCheck = "convert"
-CONVERTING: tuple[TypeCheck, ...] = ("convert", "warn")
-"""Values with which known definitions are converted."""
+DEFAULT_CHECK: TypeCheck = "error"
+_KINDS = {"/srv/": "service", "/action/": "action"}
 
 
 def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> TypeCheck:
@@ -26,7 +28,7 @@ def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> 
     if mode is None:
         return default
     if mode not in get_args(TypeCheck):
-        raise ValueError(f'type_hash_check must be "convert", "error", "warn" or "off", got {mode!r:.100}')
+        raise ValueError(f'type_hash_check must be "error", "warn" or "off", got {mode!r:.100}')
     return mode
 
 
@@ -35,3 +37,22 @@ def type_hashes_differ(endpoint: DiscoveredEndpoint, type_hash: str, service_has
     if endpoint.type_hash and type_hash:
         return endpoint.type_hash != type_hash
     return bool(endpoint.service_hash and service_hash) and endpoint.service_hash != service_hash
+
+
+def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple[str, ...]:
+    """Return the distributions that have the definition of a peer, which is not the own one; empty if none has it."""
+    from rosidl_py_gen.type_loading.distribution_types import distributions_with
+
+    try:
+        if peer.type_hash and own.type_hash:
+            return distributions_with(own.type, own.type_hash, peer.type_hash)
+        return distributions_with(own.service_type or "", own.service_hash, peer.service_hash)
+    except RosidlError:  # a definition cannot be read
+        return ()
+
+
+def distribution_advice(distros: tuple[str, ...], type_name: str) -> str:
+    """Return how to use the definition of a type that some distributions share."""
+    distro = DEFAULT if DEFAULT in distros else distros[0]
+    kind = next((word for part, word in _KINDS.items() if part in type_name), "message")
+    return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_{kind}'

@@ -144,7 +144,7 @@ class AdaptiveSubscription(Generic[T]):
     def set_definition(self, msg_type: type[Message]) -> None:
         """Set the definition of raw messages if it was not known at creation.
 
-        Messages of other definitions are converted from now on, including messages that were received, but not returned
+        Messages of other definitions are dropped from now on, including messages that were received, but not returned
         yet.
 
         Args:

@@ -79,10 +79,10 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
         time_source: declare the parameter `use_sim_time`, and follow ``/clock`` while it is true. Without it, `clock`
             returns system time, or the time that the program sets.
-        type_hash_check: treatment of messages whose sender announces another definition of their type. ``"convert"``
-            converts them if it is the definition of another ROS distribution, else drops them; ``"error"`` drops all,
-            ``"warn"`` converts or delivers them, ``"off"`` delivers them silently. Others than ``"off"`` warn once for
-            each topic and peer. Default of the entities' parameter of this name.
+        type_hash_check: treatment of messages whose sender has another definition of their type. ``"error"`` drops
+            them, ``"warn"`` delivers them unless it is the definition of another ROS distribution, ``"off"`` delivers
+            them silently. Others than ``"off"`` warn once for each topic and peer. Default of the entities' parameter
+            of this name.
         on_error: effect of an exception in a callback. ``"log"`` logs it. ``"raise"`` also raises it from `run`,
             `spin`, ``async with node``, ``with node`` or the current blocking call. None uses the context's `on_error`,
             which is ``"log"`` by default.
@@ -111,7 +111,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         parameter_events: bool = True,
         logger_services: bool = False,
         time_source: bool = True,
-        type_hash_check: TypeCheck = "convert",
+        type_hash_check: TypeCheck = "error",
         on_error: OnError | None = None,
         cli_args: Sequence[str] | None = None,
         use_global_arguments: bool = True,

@@ -326,15 +326,6 @@ class Reader(_Endpoint, Protocol):
     def writer_guid(self, handle: int) -> bytes | None:
         """Return the GUID of the writer whose local handle a sample contains; None if unknown or expired."""
 
-    def type_hash_of(self, handle: int) -> str:
-        """Return the type hash that the transport delivered the writer's samples with; empty if it has none."""
-
-    def accept_type_hash(self, type_hash: str) -> None:
-        """Receive samples of writers with another definition, too; does nothing if the transport delivers them anyway.
-
-        Thread: loop, or any if no loop runs.
-        """
-
 
 @dataclass(frozen=True, slots=True)
 class EndpointSpec:

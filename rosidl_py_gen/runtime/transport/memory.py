@@ -310,12 +310,6 @@ class MemoryReader(_MemoryEndpoint):
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return None
 
-    def type_hash_of(self, handle: int) -> str:
-        return ""
-
-    def accept_type_hash(self, type_hash: str) -> None:
-        """Do nothing: definitions do not keep endpoints apart."""
-
     def writer_guid(self, handle: int) -> bytes | None:
         # All GUIDs of one transport have the same first half; the handle is the second.
         return self.guid[:8] + handle.to_bytes(8, "big")

@@ -15,23 +15,6 @@ from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 
-class ServiceConversion(NamedTuple):
-    """Functions for serialized requests and responses of a peer with another definition of the service.
-
-    Attributes:
-        received: returns what the peer sent in the own definition; raises `DecodeError`.
-        sent: returns an own message in the definition of the peer; raises `EncodeError`.
-    """
-
-    received: Callable[[Payload], bytes]
-    sent: Callable[[bytes], bytes]
-
-
-def no_conversion(service_hash: str) -> ServiceConversion | None:
-    """Return None: there is no conversion for any hash."""
-    return None
-
-
 @dataclass(frozen=True, slots=True)
 class ServiceSpec:
     """Name, type, hashes and QoS of a service, from which a transport creates a client or server.
@@ -43,8 +26,6 @@ class ServiceSpec:
         node: number of the announced node that the client or server belongs to; 0 for none.
         is_compatible: returns False for an endpoint of the other side that must not be used, because it has another
             definition.
-        conversion: returns the conversion for peers with another hash of the service; None if there is none. Used by
-            transports with `matches_by_hash`.
     """
 
     name: str
@@ -55,7 +36,6 @@ class ServiceSpec:
     qos: QoSProfile
     node: int = 0
     is_compatible: Callable[[DiscoveredEndpoint], bool] = lambda _: True
-    conversion: Callable[[str], ServiceConversion | None] = no_conversion
 
     @property
     def topic_keys(self) -> tuple[TopicKey, TopicKey]:
@@ -111,8 +91,8 @@ class ServerAvailability:
         return self.is_available
 
 
-Reply: TypeAlias = "tuple[int, Payload | NoReply | DecodeError, bytes | None]"
-"""Number of the request; response, `NoReply`, or the error in the response's bytes; GUID of the sender if known.
+Reply: TypeAlias = "tuple[int, Payload | NoReply, bytes | None]"
+"""Number of the request; response or `NoReply`; GUID of the sender if known.
 
 A plain tuple, because one is created for each reply.
 """
@@ -130,7 +110,7 @@ class _ServiceEndpoint(Protocol):
 
     Attributes:
         is_introspected: events are published, so servers must identify each request by the `gid` of its client.
-        matches_by_hash: only endpoints with the same hash of the service exchange data, or those with an accepted one.
+        matches_by_hash: only endpoints with the same hash of the service exchange data.
     """
 
     is_introspected: bool
@@ -149,9 +129,6 @@ class _ServiceEndpoint(Protocol):
 
     def all_acknowledged(self) -> bool:
         """Return True if the other side has acknowledged all requests, or all replies, that were sent."""
-
-    def accept_type_hash(self, type_hash: str) -> None:
-        """Exchange data with peers of that hash of the service, too, for which there is a conversion. Thread: loop."""
 
     def set_sink(self, sink: Sink | None) -> None:
         """Call `sink` on the loop's thread whenever a reply or request can be taken; None: stop calling."""

@@ -9,6 +9,7 @@ import pytest
 from peer_helpers import digest, fresh, random_bytes
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import WaitTimeoutError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,9 +46,9 @@ async def matched(node: Any, peer: Peer, cls: Any, topic: str) -> tuple[Any, Any
 
 @pytest.mark.parametrize("ours", ["humble", "jazzy"])
 async def test_range_messages_are_exchanged_with_humble(
-    world: Any, shared_peer: Peer, selected: str | None, ours: str
+    world: Any, shared_peer: Peer, selected: str | None, ours: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Humble ignores the variance of a Range of ours, and theirs have none, which reads as zero."""
+    """Humble ignores the variance of our Range; its Range is dropped unless the subscription has its definition."""
     cls = get_message(RANGE, distro=ours)
     publisher, subscription = await matched(world.node("ranger"), shared_peer, cls, fresh("range"))
     sent = cls(min_range=0.5, max_range=4.0, range=2.0)
@@ -60,6 +61,12 @@ async def test_range_messages_are_exchanged_with_humble(
     assert (taken["header"]["frame_id"], taken["min_range"], taken["range"]) == ("sonar", 0.5, 2.0)
     assert "variance" not in taken
     await shared_peer.do("publish", topic=subscription.topic, messages_=[taken])
+    if ours == "jazzy":
+        with pytest.raises(WaitTimeoutError, match=r"announces no type hash, and .*; dropped 1 message"):
+            await subscription.receive(2)
+        assert (subscription.undecodable, subscription.incompatible_dropped) == (0, 1)
+        assert 'set ROS_DISTRO=humble, or pass distro="humble" to get_message' in caplog.text
+        return
     got = await subscription.receive(10)
     assert got == cls(header=sent.header, min_range=0.5, max_range=4.0, range=2.0)
     assert (subscription.undecodable, subscription.incompatible_dropped) == (0, 0)

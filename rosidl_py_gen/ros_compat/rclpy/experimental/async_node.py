@@ -14,7 +14,7 @@ from rclpy.experimental.async_publisher import AsyncPublisher
 from rclpy.experimental.async_service import AsyncService
 from rclpy.experimental.async_subscription import AsyncSubscription
 from rclpy.experimental.async_timer import AsyncTimer
-from rclpy.impl._fields import value_or_default
+from rclpy.impl._fields import checked_attribute
 from rclpy.impl.async_entities import TaskGroup
 from rclpy.node import BaseNode
 from rclpy.publisher import Publisher
@@ -70,7 +70,7 @@ class AsyncNode(BaseNode):
         enable_logger_service: bool = False,
     ) -> None:
         self._rosidl_clock: AsyncClock = AsyncClock(clock_type=ClockType.ROS_TIME)
-        self._clock = self._rosidl_clock
+        self._clock: AsyncClock = self._rosidl_clock
         self._rosidl_task_group: Any = None
         self._rosidl_entities: set[AsyncEntity] = set()
         self._rosidl_destroyed = asyncio.Event()
@@ -120,7 +120,7 @@ class AsyncNode(BaseNode):
 
     def get_clock(self) -> AsyncClock:
         """Return the clock of ROS time, which may be simulated."""
-        return value_or_default(self._clock, AsyncClock, self._rosidl_clock)
+        return checked_attribute("_clock", self._clock, "now")
 
     def destroy_node(self) -> None:
         """Destroy the node and its entities, and cancel the callbacks that are running."""
@@ -230,7 +230,7 @@ class AsyncNode(BaseNode):
         self._rosidl_require_open("client")
         handle = self._rosidl_create_on_service("client", srv_type, srv_name, qos_profile)
         discard = self._rosidl_entities.discard
-        return self._rosidl_start(AsyncClient(self.context, handle, srv_type, srv_name, qos_profile, discard))
+        return self._rosidl_start(AsyncClient(self._rosidl_context, handle, srv_type, srv_name, qos_profile, discard))
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., Any], autostart: bool = True) -> AsyncTimer:
         """Call a function, plain or async, every `timer_period_sec` seconds of the node's clock.
@@ -243,7 +243,8 @@ class AsyncNode(BaseNode):
         self._rosidl_require_open("timer")
         period_ns = int(float(timer_period_sec) * S_TO_NS)
         discard = self._rosidl_entities.discard
-        return self._rosidl_start(AsyncTimer(period_ns, self._rosidl_clock, self.context, callback, autostart, discard))
+        clock, context = self._rosidl_clock, self._rosidl_context
+        return self._rosidl_start(AsyncTimer(period_ns, clock, context, callback, autostart, discard))
 
     def _rosidl_start(self, entity: _E) -> _E:
         self._rosidl_entities.add(entity)

@@ -1,4 +1,4 @@
-"""Attributes that accept values of certain types only."""
+"""Attributes that accept certain values only."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any, Generic, TypeVar, overload
 _T = TypeVar("_T")
 
 
-def value_or_default(value: object, kind: type[_T], default: _T) -> _T:
-    """Return the value of an attribute, or `default` if the program replaced it by another type."""
-    return value if isinstance(value, kind) else default
+def checked_attribute(name: str, value: _T, member: str) -> _T:
+    """Return the value of an attribute that programs may set; raise TypeError if it does not have `member`."""
+    if hasattr(value, member):
+        return value
+    text = f"{name} is an attribute of rclpy, and {value!r:.100} has no {member!r}"
+    raise TypeError(f"{text}: give the program's own attribute another name")
 
 
 class Checked(Generic[_T]):

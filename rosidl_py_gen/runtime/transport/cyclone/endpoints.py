@@ -372,12 +372,6 @@ class CycloneReader(_CycloneEndpoint):
         guid = self._guids.get(handle) or self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
         return self.second.writer_guid(handle) if guid is None and self.second is not None else guid
 
-    def type_hash_of(self, handle: int) -> str:
-        return ""
-
-    def accept_type_hash(self, type_hash: str) -> None:
-        """Do nothing: definitions do not keep endpoints apart."""
-
     def close(self) -> None:
         if not self._close_latch.set():
             return

@@ -96,9 +96,6 @@ class _EndpointPair:
         """16 bytes that identify the client or server in ROS."""
         return self._gid
 
-    def accept_type_hash(self, type_hash: str) -> None:
-        """Do nothing: definitions do not keep endpoints apart."""
-
 
 class DdsClient(_EndpointPair):
     """Client of a service on DDS or in memory."""

@@ -26,8 +26,6 @@ import ctypes
 import itertools
 import threading
 import time
-from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -36,7 +34,7 @@ import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, Payload, ReceiveQueue, Sink, TransportError
+from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, TransportError
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, Reliability
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos
@@ -55,8 +53,6 @@ if TYPE_CHECKING:
 
 _HEARTBEAT_S = 0.5
 _MAX_GAP_PUBLISHERS = 1024
-_MAX_HASHES = 1024
-"""Maximum number of writers whose key to remember."""
 _time_ns = time.time_ns
 
 
@@ -226,51 +222,19 @@ class ZenohReader(_ZenohEndpoint):
         self._gaps: SequenceGaps | None = None
         self._bad_attachment = ""
         self._key = key
-        self._has_buffer = has_buffer
-        self._other_infos: dict[str, DiscoveredEndpoint] = {}
-        """Endpoint with the hash of another definition in place of the own one, by hash."""
-        self._hashes: dict[int, str] = {}
-        """Hashes of the keys of another definition on which writers sent samples, by writer handle."""
-        self._declarations: list[Any] = []
-        self._declare_all(key)
-
-    def _declare_all(self, key: str, type_hash: str = "") -> None:
-        declared = [self._declare(key, type_hash)]
-        if self._has_buffer:
+        self._declarations = [self._declare(key)]
+        if has_buffer:
             try:
-                declared.append(self._declare(cpu_buffer_key(key), type_hash))
+                self._declarations.append(self._declare(cpu_buffer_key(key)))
             except BaseException:
-                declared[0].undeclare()
+                self._declarations[0].undeclare()
                 raise
-        self._declarations += declared
 
-    def accept_type_hash(self, type_hash: str) -> None:
-        if not self._closed and type_hash not in self._other_infos:
-            key = self._key_of(type_hash)
-            try:
-                self._declare_all(key, type_hash)
-            except zenoh.ZError as error:
-                internal_logger().warning(f"Zenoh could not subscribe to {key}, the key of another definition: {error}")
-            else:
-                self._other_infos[type_hash] = self._info_of(type_hash)
-                if self._closed:  # by another thread
-                    self._undeclare()
-
-    def _key_of(self, type_hash: str) -> str:
-        return f"{self._key.rpartition('/')[0]}/{type_hash}"
-
-    def _info_of(self, type_hash: str) -> DiscoveredEndpoint:
-        return replace(self.info, type_hash=type_hash)
-
-    def type_hash_of(self, handle: int) -> str:
-        return self._hashes.get(handle, "")
-
-    def _declare(self, key: str, type_hash: str = "") -> Any:
+    def _declare(self, key: str) -> Any:
         session, qos = self._owner.session, self.info.qos
-        take = partial(self._take, type_hash=type_hash) if type_hash else self._take
-        return declare_subscriber(session, key, qos, take, ignore_local=self._ignore_local)
+        return declare_subscriber(session, key, qos, self._take, ignore_local=self._ignore_local)
 
-    def _take(self, sample: Any, type_hash: str = "") -> None:
+    def _take(self, sample: Any) -> None:
         """Called by Zenoh with each sample; must not block or log."""
         attachment = self.read_attachment(sample)
         data = sample.payload.to_bytes()
@@ -279,12 +243,7 @@ class ZenohReader(_ZenohEndpoint):
             if self._gaps is not None:
                 self._gaps.on_sample(gid, number)
             if data:
-                handle = int.from_bytes(gid, "little")
-                if type_hash:
-                    if len(self._hashes) >= _MAX_HASHES:
-                        self._hashes.clear()
-                    self._hashes[handle] = type_hash
-                self.receive((data, source_ns, handle, _time_ns(), number))
+                self.receive((data, source_ns, int.from_bytes(gid, "little"), _time_ns(), number))
 
     def receive(self, item: Any) -> None:
         """Add a sample, request or reply to the queue."""
@@ -320,9 +279,8 @@ class ZenohReader(_ZenohEndpoint):
 
     def matched_writers(self) -> list[bytes]:
         own = self.info.participant_guid if self._ignore_local else None
-        infos = self.info, *self._other_infos.values()
-        connected = (self._owner.graph.connected(info).items() for info in infos)
-        return [guid for writers in connected for guid, writer in writers if writer.participant_guid != own]
+        connected = self._owner.graph.connected(self.info)
+        return [guid for guid, writer in connected.items() if writer.participant_guid != own]
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         if event != "message_lost":
@@ -338,11 +296,8 @@ class ZenohReader(_ZenohEndpoint):
         if not self._closed:
             self._closed, self._sink = True, None
             self._owner.undeclare_token(self.guid)
-            self._undeclare()
-
-    def _undeclare(self) -> None:
-        while self._declarations:
-            self._declarations.pop().undeclare()
+            while self._declarations:
+                self._declarations.pop().undeclare()
 
     def detach_after_fork(self) -> None:
         """Use no inherited resource from now on."""

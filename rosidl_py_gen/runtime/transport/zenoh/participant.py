@@ -104,10 +104,10 @@ class ZenohParticipant:
         return self._create(ZenohReader, EntityKind.SUBSCRIPTION, spec.topic_key.name, spec, **options)
 
     def create_client(self, service: ServiceSpec) -> ZenohClient:
-        return self._create(ZenohClient, EntityKind.CLIENT, service.name, service, service=service)
+        return self._create(ZenohClient, EntityKind.CLIENT, service.name, service)
 
     def create_server(self, service: ServiceSpec) -> ZenohServer:
-        return self._create(ZenohServer, EntityKind.SERVER, service.name, service, service=service)
+        return self._create(ZenohServer, EntityKind.SERVER, service.name, service)
 
     def _create(
         self,

@@ -5,8 +5,7 @@ because its servers died, is reported to the client. A server retains unanswered
 or too many others follow. A query has the timeout of its call, because Zenoh retains 1 kB of each until the timeout,
 answered or not; a client cancels a query that it abandons.
 
-Keys contain the hash of the service. A server also answers on the keys of other definitions that it converts
-(`accept_type_hash`); a client calls servers with another definition if there is none with its own.
+Keys contain the hash of the service, so clients and servers with different definitions exchange nothing.
 
 Source: docs/internals/zenoh.md 2.4 and 6.
 """
@@ -16,24 +15,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import zenoh
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
-from rosidl_py_gen.errors import ClosedError, DecodeError, printable
-from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TransportError
+from rosidl_py_gen.errors import ClosedError, printable
+from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, fair_queue_share
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import (
-    NoReply,
-    ServerAvailability,
-    ServiceConversion,
-    ServiceSpec,
-    no_conversion,
-)
+from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos, paired_gid, participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
@@ -60,25 +51,16 @@ _MAX_ERROR_CHARS = 300
 _time_ns = time.time_ns
 
 
-class _OfPeer(NamedTuple):
-    """Received bytes in the definition of a peer."""
-
-    type_hash: str
-    data: bytes
-
-
 class _ZenohServiceEndpoint(ZenohReader):
     """Common part of clients and servers, which are a reader and a writer in the graph (`infos`)."""
 
-    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str, *, service: ServiceSpec) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
         reader, writer = infos
-        self._find_conversion = service.conversion
         self.matches_by_hash = not owner.is_humble
         self.gid = reader.guid
         self.is_introspected = False
         self.endpoints = reader.guid, writer.guid
         self._writer_info = writer
-        self._key = key
         super().__init__(owner, infos, key)
 
     def take(self) -> Any:
@@ -86,44 +68,12 @@ class _ZenohServiceEndpoint(ZenohReader):
         if not items:
             return None
         try:
-            received: Any = items.popleft()
+            return items.popleft()
         except IndexError:  # another thread was faster
             return None
-        data = received[1]
-        if data.__class__ is _OfPeer:
-            try:
-                data = self._conversion(data.type_hash).received(data.data)
-            except DecodeError as error:
-                data = error
-            return received[0], data, *received[2:]
-        return received
 
     def connected(self) -> list[bytes]:
-        return list(self._connected(self.info))
-
-    def _connected(self, own: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
-        """Return the matched endpoints of all definitions that are accepted."""
-        found = self._owner.graph.connected(own)
-        for type_hash in list(self._other_infos):  # Zenoh calls this, too, while the loop may add one
-            found |= self._owner.graph.connected(replace(own, service_hash=type_hash))
-        return found
-
-    def _version(self) -> tuple[int, int]:
-        """Return the version of the matched endpoints seen so far."""
-        return self._owner.graph.version, len(self._other_infos)
-
-    def _info_of(self, type_hash: str) -> DiscoveredEndpoint:
-        return replace(self.info, service_hash=type_hash)
-
-    def _conversion(self, type_hash: str) -> ServiceConversion:
-        conversion = self._find_conversion(type_hash)
-        if conversion is None:  # only accepted hashes have keys, so another thread has closed the endpoint
-            raise ClosedError(f"the client or server of {self.info.topic_key.name} is closed")
-        return conversion
-
-    def close(self) -> None:
-        super().close()
-        self._find_conversion = no_conversion  # Zenoh may retain handlers, and with them the node
+        return list(self._owner.graph.connected(self.info))
 
     def all_acknowledged(self) -> bool:
         return True
@@ -132,50 +82,39 @@ class _ZenohServiceEndpoint(ZenohReader):
 class ZenohClient(_ZenohServiceEndpoint):
     """Client of a service on Zenoh."""
 
-    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str, *, service: ServiceSpec) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
         self._sent = 0
         self._in_flight: dict[int, _InFlightQuery] = {}
         self._answered: deque[int] = deque()
         """Answered queries that other servers may still answer."""
-        self._servers_version: tuple[int, int] | None = None
-        """Result of `_version` of which the following three were computed."""
+        self._servers_version = -1
+        """Version of the graph of which the following three were computed."""
         self._servers = ServerAvailability()
         self._server_endpoints: frozenset[bytes] = frozenset()
         self._writer_by_session: dict[bytes, bytes] = {}
-        self._reachable: MatchCache[tuple[str] | None] = MatchCache(owner.graph, self._find_reachable)
-        """Hash of the key of a reachable server, empty for the own one, by the number of accepted hashes; a check in
-        Zenoh takes 40 us."""
+        self._is_reachable: MatchCache[bool] = MatchCache(owner.graph, self._has_reachable_server)
+        """A check in Zenoh takes 40 us."""
         self._default_timeout_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
-        self._queriers: dict[str, Any] = {}
-        super().__init__(owner, infos, key, service=service)
+        super().__init__(owner, infos, key)
 
-    def _declare(self, key: str, type_hash: str = "") -> Any:
-        querier = self._queriers[type_hash] = self._owner.session.declare_querier(
+    def _declare(self, key: str) -> Any:
+        self._querier: Any = self._owner.session.declare_querier(
             key, target=zenoh.QueryTarget.ALL_COMPLETE, consolidation=zenoh.ConsolidationMode.NONE
         )
-        return querier
+        return self._querier
 
-    def _find_reachable(self, _: object) -> tuple[str] | None:
-        # Servers with a token precede, because those without are leaving, or convert; then those with the own
-        # definition.
-        reachable = [key for key, querier in list(self._queriers.items()) if querier.matching_status.matching]
-        connected = self._owner.graph.connected
-        with_token = (key for key in reachable if connected(self._info_of(key) if key else self.info))
-        return next(((type_hash,) for type_hash in (*with_token, *reachable)), None)
+    def _has_reachable_server(self, _: object) -> bool:
+        return bool(self._querier.matching_status.matching)
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
             raise ClosedError(f"the client of {self.info.topic_key.name} is closed")
         # Not by a listener: Zenoh calls it in the thread that undeclaring an advanced publisher waits for, up to ten
         # seconds with the GIL.
-        reachable = self._reachable.get(len(self._other_infos))
-        if reachable is None:
+        if not self._is_reachable.get():
             return None
-        (type_hash,), key = reachable, self._key
-        if type_hash:
-            key, data = self._key_of(type_hash), self._conversion(type_hash).sent(data)
         number = self._sent + 1
-        query = self._in_flight[number] = _InFlightQuery(self, number, type_hash)
+        query = self._in_flight[number] = _InFlightQuery(self, number)
         query_timeout_s = self._default_timeout_s
         if timeout_s is not None:
             query_timeout_s = min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S)
@@ -185,7 +124,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         )
         try:
             self._owner.session.get(
-                key,
+                self._key,
                 callback,
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -239,10 +178,10 @@ class ZenohClient(_ZenohServiceEndpoint):
     def _refresh_servers(self) -> None:
         graph = self._owner.graph
         graph.read()
-        version = self._version()
+        version = graph.version
         if version == self._servers_version:
             return
-        readers, writers = self._connected(self._writer_info), self._connected(self.info)
+        readers, writers = graph.connected(self._writer_info), graph.connected(self.info)
         writer_by_session = {writer.participant_guid: writer.guid for writer in writers.values()}
         is_available = any(reader.participant_guid in writer_by_session for reader in readers.values())
         clients = graph.endpoints_on_same_side(self._writer_info).values()
@@ -274,12 +213,11 @@ class ZenohClient(_ZenohServiceEndpoint):
 class _InFlightQuery:
     """Query that has not ended; Zenoh calls `on_reply` and `on_end`, which must not block or log."""
 
-    __slots__ = ("_client", "_number", "_reason", "_type_hash", "is_over", "token")
+    __slots__ = ("_client", "_number", "_reason", "is_over", "token")
 
-    def __init__(self, client: ZenohClient, number: int, type_hash: str) -> None:
+    def __init__(self, client: ZenohClient, number: int) -> None:
         self._client = client
         self._number = number
-        self._type_hash = type_hash
         self.is_over = False
         self._reason: tuple[str, ...] = ()
         self.token = zenoh.CancellationToken()
@@ -296,8 +234,7 @@ class _InFlightQuery:
         data = sample.payload.to_bytes()
         if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
             self.is_over = True
-            received = _OfPeer(self._type_hash, data) if self._type_hash else data
-            self._client.receive((self._number, received, self._client.replying_server(reply)))
+            self._client.receive((self._number, data, self._client.replying_server(reply)))
 
     def on_end(self) -> None:
         """Report a query that has ended without a reply."""
@@ -318,20 +255,18 @@ _RequestOrigin: TypeAlias = "tuple[bytes, int]"
 class _UnansweredQuery(NamedTuple):
     query: Any
     size_bytes: int
-    type_hash: str
-    """Hash of the key; empty for the own one."""
 
 
 class ZenohServer(_ZenohServiceEndpoint):
     """Server of a service on Zenoh; it retains unanswered queries."""
 
-    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str, *, service: ServiceSpec) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
         self._queries: dict[_RequestOrigin, _UnansweredQuery] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
         self._window = ReplyWindow(None)
-        self._window_version: tuple[int, int] | None = None
-        super().__init__(owner, infos, key, service=service)
+        self._window_version = -1
+        super().__init__(owner, infos, key)
 
     def take(self) -> Any:
         request = super().take()
@@ -340,29 +275,27 @@ class ZenohServer(_ZenohServiceEndpoint):
         return request
 
     def _is_limited(self) -> bool:
-        version = self._version()
+        version = self._owner.graph.version
         if version != self._window_version:
             self._window_version = version
-            readers = self._connected(self._writer_info)
+            readers = self._owner.graph.connected(self._writer_info)
             self._window.set_readers(reader.qos for reader in readers.values())
         return self._window.limit > 0
 
-    def _declare(self, key: str, type_hash: str = "") -> Any:
-        take = partial(self._take, type_hash=type_hash)
-        return self._owner.session.declare_queryable(key, zenoh_handler(take), complete=True)
+    def _declare(self, key: str) -> Any:
+        return self._owner.session.declare_queryable(key, zenoh_handler(self._take), complete=True)
 
-    def _take(self, query: Any, type_hash: str = "") -> None:
+    def _take(self, query: Any) -> None:
         attachment = self.read_attachment(query)
         data = b"" if query.payload is None else query.payload.to_bytes()
         if attachment is None or len(data) < HEADER_BYTES:
             query.drop()
             return
         number, source_ns, gid = attachment
-        if not self._store_query((gid, number), _UnansweredQuery(query, len(data), type_hash)):
+        if not self._store_query((gid, number), _UnansweredQuery(query, len(data))):
             query.drop()
             return
-        received = _OfPeer(type_hash, data) if type_hash else data
-        self.receive(((gid, number), received, paired_gid(gid), source_ns, _time_ns()))
+        self.receive(((gid, number), data, paired_gid(gid), source_ns, _time_ns()))
 
     def _store_query(self, origin: _RequestOrigin, query: _UnansweredQuery) -> bool:
         """Store a query and discard the oldest if there are too many; return False for a repeated request."""
@@ -398,12 +331,9 @@ class ZenohServer(_ZenohServiceEndpoint):
             return True
         if is_limited:
             self._window.on_sent(gid)
-        query, _, type_hash = entry
+        query = entry.query
         try:
-            key = self._key
-            if type_hash:
-                key, data = self._key_of(type_hash), self._conversion(type_hash).sent(data)
-            query.reply(key, data, attachment=pack_attachment(number, _time_ns(), gid))
+            query.reply(self._key, data, attachment=pack_attachment(number, _time_ns(), gid))
         except zenoh.ZError as error:
             subject = f"Zenoh could not send a response of {len(data)} bytes on {self.info.topic_key.name}"
             raise TransportError(f"{subject}: {error}") from None

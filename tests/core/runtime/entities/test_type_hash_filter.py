@@ -122,7 +122,7 @@ async def test_goal_to_action_server_of_another_definition_is_not_executed(dds: 
 def test_unknown_type_hash_check_mode_is_refused(memory: World) -> None:
     old, _ = two_messages()
     strict: Any = "strict"
-    with pytest.raises(ValueError, match='type_hash_check must be "convert", "error", "warn" or "off", got \'strict\''):
+    with pytest.raises(ValueError, match='type_hash_check must be "error", "warn" or "off", got \'strict\''):
         memory.node("n", type_hash_check=strict)
     node = memory.node("n")
     with pytest.raises(ValueError, match="type_hash_check must be"):

@@ -123,7 +123,7 @@ async def test_transition_events_of_lyrical_contain_stamp_and_transition(
     assert transitions == [(1, "configure"), (10, "transition_success"), (3, "activate"), (31, "transition_failure")]
     assert all(before_s - 1 < event.stamp.sec + event.stamp.nanosec * 1e-9 < time.time() + 1 for event in seen)
     assert [event.goal_state.label for event in seen] == ["configuring", "inactive", "activating", "inactive"]
-    assert subscription.converted == 0
+    assert subscription.incompatible_dropped == 0
 
 
 @pytest.mark.parametrize(

@@ -129,22 +129,31 @@ def test_wait_for_message_sync_receives_or_times_out(memory: World) -> None:
 
 
 @pytest.mark.parametrize("left", [False, True], ids=["of a previous subscription", "of a publisher that has left"])
-async def test_raw_messages_are_converted_to_the_definition_that_is_set_later(memory: World, left: bool) -> None:
+async def test_raw_messages_of_other_definitions_than_the_one_set_later_are_dropped(
+    memory: World, left: bool, caplog: pytest.LogCaptureFixture
+) -> None:
     ours: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
     theirs: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     alice, bob = memory.pair()
-    publisher = alice.create_publisher(theirs, "range")
+    publishers = [alice.create_publisher(cls, "range") for cls in (theirs, ours)]
     unknown = opaque_message_class("sensor_msgs/msg/Range", "")
     async with AdaptiveSubscription[bytes](bob, "range", unknown, raw=True) as messages:
-        await publisher.wait_for_subscribers(5)
+        for publisher in publishers:
+            await publisher.wait_for_subscribers(5)
         for number in range(3):
-            publisher.publish(theirs(range=number))
-        await until(lambda: len(entity(bob, "/range")._items) == 3)
+            for cls, publisher in zip((theirs, ours), publishers, strict=True):
+                publisher.publish(cls(range=number))
+        await until(lambda: len(entity(bob, "/range")._items) == 6)
         if left:
             alice.context.close()
             await until(lambda: bob.count_publishers("range") == 0)
         else:
             messages.resubscribe()
+        subscription = entity(bob, "/range")
         messages.set_definition(opaque_message_class("sensor_msgs/msg/Range", type_hash(ours)))
         received = [(await messages.receive_with_info(5))[0] for _ in range(3)]
     assert [ours.decode(data) for data in received] == [ours(range=number) for number in range(3)]
+    assert subscription.incompatible_dropped == 3
+    if not left:
+        warning = f"messages on /range from node /alice are dropped: its definition is {type_hash(theirs)}; here it is "
+        await until(lambda: warning in caplog.text)
