@@ -115,7 +115,7 @@ class TypeHasher:
         self._hashes: dict[str, str] = {}
 
     def of(self, name: str) -> str:
-        """Return the RIHS01 hash of a type; all types that it refers to must exist."""
+        """Return the RIHS01 hash of the type `name`; the lookup must know all types that it contains, or raises."""
         if name not in self._hashes:
             (top, _), *others = _closure(name, self._text, lambda found: found[1]).values()
             self._hashes[name] = _hash(top, (text for text, _ in others))

@@ -423,7 +423,7 @@ def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -
 
 @cached_per_class
 def read_program_for(cls: type[Any]) -> tuple[ReadStep, ...] | None:
-    """Return the steps that decode messages of a class; None if they must be decoded one by one."""
+    """Return the steps that decode many messages of a class at once; None if messages must be decoded one by one."""
     try:
         program = tuple(_merge_runs(_steps(nodes_of(cls))))
         for step in program:

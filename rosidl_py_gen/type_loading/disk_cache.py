@@ -4,8 +4,8 @@ Programs run cached code, so a process of this user must have written it. `cache
 cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
 mode 0700 for any umask. Without owners of files, as on Windows, no code is cached.
 
-A module is used only if all its definitions have the digests that they had when it was stored. A reader of descriptions
-must check the hash.
+A module is used only if all its definitions have the digests that they had when it was stored. Code that reads a cached
+type description must compute its RIHS01 hash and compare it with the expected one.
 """
 
 from __future__ import annotations

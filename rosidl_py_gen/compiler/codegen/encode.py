@@ -173,7 +173,11 @@ class _EncoderEmitter:
             self.set_pos(f"{self.pos} + {distance}", out)
 
     def set_pos(self, expression: str, out: list[str]) -> None:
-        """Emit an assignment to ``pos``; if segments are joined at the end, each position gets its own variable."""
+        """Emit the assignment of a position in the message to the variable ``pos``.
+
+        If the encoder packs parts of the message and joins them at its end, it needs all positions there: each position
+        gets a variable of its own.
+        """
         if not self.collect:
             self.moves += 1
             self.pos = "pos" if self.moves == 1 else self.names.name(f"pos{self.moves}")

@@ -189,7 +189,10 @@ def _fish_script(prefix: Path) -> str:
 
 
 def _bundled_files() -> dict[str, PrefixFile]:
-    """Return the files of ROS packages whose executables are bundled or installed by pip, by path below the prefix."""
+    """Return the files for ROS packages whose executables are part of this package or installed by pip.
+
+    Keys are paths below the install prefix that `rosidl-py prefix` makes.
+    """
     found: dict[str, PrefixFile] = {}
     for package in (*executables.BUNDLED, *_ON_PACKAGE_INDEX):
         for name, one in (executables.of_bundled(package) or executables.of_distribution(package)).items():

@@ -50,7 +50,10 @@ _ENCLAVE_FILES = ("key.pem", "cert.pem", "permissions.xml", "permissions.p7s", "
 
 @dataclass(frozen=True, slots=True)
 class Keystore:
-    """Keystore in a folder; `note` prints what the user should know, such as a private key that others can read."""
+    """SROS2 keystore in the folder `root`: keys, certificates and policies of enclaves.
+
+    The function `note` prints what the user should know, such as a private key that others can read.
+    """
 
     root: Path
     note: Callable[[str], None]

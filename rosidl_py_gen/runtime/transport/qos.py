@@ -196,7 +196,7 @@ class QoSProfile:
         return self._with_liveliness(Liveliness.MANUAL_BY_TOPIC, lease_s)
 
     def no_ros_prefix(self) -> QoSProfile:
-        """Return a copy with which the topic name has no prefix `rt/` in DDS."""
+        """Return a copy of the profile with which the topic name has no prefix `rt/` in DDS."""
         # Source: docs/internals/protocol.md 4.
         return replace(self, avoid_ros_namespace_conventions=True)
 

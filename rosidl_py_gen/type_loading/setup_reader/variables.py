@@ -232,7 +232,7 @@ class Variables:
         return Unknown(f"the name {name}")
 
     def _truth(self, value: object) -> bool | str:
-        """Return True or False for a value's truth, or the reason as a text if its truth is unknown."""
+        """Return bool() of a value that a setup.py computes; if unknown values decide that, the reason as a text."""
         if isinstance(value, PLAIN_TYPES):
             return bool(value) if not isinstance(value, PurePosixPath) else True
         if isinstance(value, ListValue | DictValue) and not value.why:
