@@ -36,7 +36,7 @@ from rosidl_py_gen.runtime.transport.cyclone import library
 
 CORE = Path(__file__).parent / "core"
 MANY_CASES = 40
-"""Of a test with more cases, this number or a tenth is core, evenly spread."""
+"""Number of cases of a test that are core, evenly spread; a tenth of them if that is more."""
 __all__ = ["dds", "generated_packages", "memory", "network", "only_loopback", "pytest_pyfunc_call", "world"]
 
 NOT_EVERYWHERE = {
