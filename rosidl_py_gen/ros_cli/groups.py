@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
         },
     ),
     "completion": ("Print the completion script of a shell.", "completion"),
+    "demo": ("Run a small robot that drives in a room.", "demo.command"),
     "doctor": ("Check this installation, the settings, the network and its peers.", "doctor.check"),
     "foxglove": ("Show topics, parameters and services live in Foxglove or Lichtblick.", "foxglove.command"),
     "graph": ("Nodes and topics as text, Mermaid or SVG.", "graph.command"),

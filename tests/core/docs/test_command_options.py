@@ -24,6 +24,7 @@ PAGE_OF = {
     "action": "commands/topic-service-action.md",
     "bag": "commands/bag.md",
     "completion": "commands/index.md",
+    "demo": "commands/demo.md",
     "doctor": "commands/diagnose.md",
     "foxglove": "howto/live-view.md",
     "graph": "commands/diagnose.md",

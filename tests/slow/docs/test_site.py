@@ -58,6 +58,7 @@ QUESTIONS = [
     ("Images are slow or get lost", "images lost", "howto/qos"),
     ("ros2 topic echo on a laptop without ROS", "ros2 topic echo", "commands/index"),
     ("ros2 launch without a build", "ros2 launch", "howto/launch"),
+    ("Is there a demo robot, or a simulator?", "example robot", "commands/demo"),
     ("Tests of nodes are flaky", "pytest", "howto/test"),
     ("A live view without ROS on my side", "live view", "howto/live-view"),
     ("Is this instead of rosbridge, rosbags, rclpy?", "rosbridge", "background/compare"),
@@ -162,7 +163,7 @@ def test_search_answers_common_questions(reader: Browser, address: str) -> None:
             found = search(reader, address, query)
             if page not in found[:FIRST_RESULTS]:
                 wrong[query] = (page, found[: FIRST_RESULTS + 1])
-    assert len(QUESTIONS) == 43
+    assert len(QUESTIONS) == 44
     assert not wrong, "\n".join(f"{query!r}: expected {page}, found {found}" for query, (page, found) in wrong.items())
 
 

@@ -152,7 +152,7 @@ def test_every_command_help_has_example_and_node_commands_accept_no_daemon() -> 
         assert re.search(rf"rosidl-py (\w+ )?{command.name}\b", text), command.name
         names = {name for parameter in command.params for name in parameter.opts}
         assert ("--domain" in names) == ("--no-daemon" in names), command.name
-        shows_itself = {"completion", "launch", "play", "plot", "sql", "test", "zenoh-router"}
+        shows_itself = {"completion", "demo", "launch", "play", "plot", "sql", "test", "zenoh-router"}
         assert "--json" in names or command.name in shows_itself, command.name
 
 

@@ -1,0 +1,166 @@
+"""Room with walls and boxes, and bodies of robots that move in it; nothing in this module knows ROS."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Array = np.ndarray[Any, np.dtype[Any]]
+
+RESOLUTION_M = 0.05
+"""Size of a map cell. All edges of boxes are multiples of it, so that map and rays agree exactly."""
+BODY_RADIUS_M = 0.2
+MAX_ACCELERATION = 1.0
+"""In m/s^2; it limits how fast a body follows its commanded speed."""
+MAX_TURN_ACCELERATION = 6.0
+"""In rad/s^2."""
+
+
+class Box(NamedTuple):
+    """Rectangle on the floor, in metres, and its colour."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+    color: tuple[int, int, int]
+
+
+_WALL = (205, 200, 190)
+BOXES = (
+    Box(-4.1, -3.1, 4.1, -3.0, _WALL),
+    Box(-4.1, 3.0, 4.1, 3.1, _WALL),
+    Box(-4.1, -3.0, -4.0, 3.0, _WALL),
+    Box(4.0, -3.0, 4.1, 3.0, _WALL),
+    Box(0.3, 1.0, 0.5, 3.0, _WALL),
+    Box(-2.8, 1.2, -1.8, 1.8, (60, 110, 190)),
+    Box(-2.2, -2.0, -1.6, -1.4, (200, 80, 60)),
+    Box(1.6, -1.2, 2.8, -0.4, (80, 160, 90)),
+    Box(2.9, 1.9, 3.5, 2.5, (220, 170, 60)),
+)
+"""Four walls around 8 m x 6 m, a wall between two halves, and four boxes."""
+BODY_COLOR = (240, 240, 250)
+
+
+@dataclass
+class Body:
+    """Body of a robot with two driven wheels.
+
+    Attributes:
+        speed: current speed in m/s; it approaches `target_speed`.
+        turn_rate: current turn rate in rad/s, counterclockwise; it approaches `target_turn_rate`.
+        travelled: distance in metres that the wheels have driven, negative backwards.
+        turned: sum of all turns in radians.
+        is_blocked: True while something is in the way.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    speed: float = 0.0
+    turn_rate: float = 0.0
+    target_speed: float = 0.0
+    target_turn_rate: float = 0.0
+    travelled: float = 0.0
+    turned: float = 0.0
+    is_blocked: bool = False
+
+    def place(self, x: float, y: float, yaw: float) -> None:
+        """Put the body somewhere else, at rest."""
+        self.x, self.y, self.yaw = x, y, yaw
+        self.speed = self.turn_rate = self.target_speed = self.target_turn_rate = 0.0
+
+
+def along_arc(x: float, y: float, yaw: float, distance: float, turn: float) -> tuple[float, float, float]:
+    """Return the pose at the end of an arc."""
+    # The chord of an arc points half-way between both directions, and is shorter than the arc.
+    half = turn / 2
+    chord = distance * (math.sin(half) / half if half else 1.0)
+    return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + turn
+
+
+@dataclass
+class World:
+    """The room and the bodies in it."""
+
+    bodies: list[Body] = field(default_factory=list)
+
+    def advance(self, seconds: float) -> None:
+        """Move all bodies."""
+        for body in self.bodies:
+            body.speed = _approach(body.speed, body.target_speed, MAX_ACCELERATION * seconds)
+            body.turn_rate = _approach(body.turn_rate, body.target_turn_rate, MAX_TURN_ACCELERATION * seconds)
+            distance, turn = body.speed * seconds, body.turn_rate * seconds
+            x, y, yaw = along_arc(body.x, body.y, body.yaw, distance, turn)
+            before, after = self.clearance(body.x, body.y, body), self.clearance(x, y, body)
+            # A body that touches something may still drive away from it, and turn.
+            body.is_blocked = after < BODY_RADIUS_M and after < before
+            if body.is_blocked:
+                body.speed, distance, (x, y) = 0.0, 0.0, (body.x, body.y)
+            body.x, body.y, body.yaw = x, y, math.remainder(yaw, math.tau)
+            body.travelled += distance
+            body.turned += turn
+
+    def clearance(self, x: float, y: float, body: Body | None = None) -> float:
+        """Return the distance of a point from the next box or body; `body` itself does not count."""
+        boxes = (
+            math.hypot(max(box.x_min - x, x - box.x_max, 0), max(box.y_min - y, y - box.y_max, 0)) for box in BOXES
+        )
+        others = (math.hypot(one.x - x, one.y - y) - BODY_RADIUS_M for one in self.bodies if one is not body)
+        return min(*boxes, *others)
+
+    def cast(self, x: float, y: float, angles: Array, body: Body | None = None) -> tuple[Array, Array]:
+        """Return where rays from a point end: their lengths, and the colours of what they hit, shape ``(n, 3)``.
+
+        Args:
+            angles: directions of the rays in the room.
+            body: a body that the rays pass through, usually that of the sensor.
+        """
+        origin = np.array((x, y))
+        direction = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        direction[direction == 0] = 1e-12
+        # Boxes: a ray is inside a box while it is between both edges of x and both edges of y.
+        first = (_LOW - origin) / direction[:, None]
+        second = (_HIGH - origin) / direction[:, None]
+        enter, leave = np.minimum(first, second).max(axis=2), np.maximum(first, second).min(axis=2)
+        lengths = np.where((enter <= leave) & (leave > 0), np.maximum(enter, 0), np.inf)
+        # Bodies are circles: the ray passes the centre at a distance, half a chord before and after that point.
+        others = [one for one in self.bodies if one is not body]
+        centers = np.array([(one.x, one.y) for one in others]).reshape(-1, 2) - origin
+        along = direction @ centers.T
+        half_squared = BODY_RADIUS_M**2 - (centers**2).sum(axis=1) + along**2
+        circles = np.where((half_squared > 0) & (along > 0), along - np.sqrt(np.maximum(half_squared, 0)), np.inf)
+        lengths = np.concatenate([lengths, circles], axis=1)
+        hit = lengths.argmin(axis=1)
+        return lengths[np.arange(len(hit)), hit], _COLORS[np.minimum(hit, len(BOXES))]
+
+    def free_place(self, random: np.random.Generator) -> tuple[float, float, float]:
+        """Return a random x, y and yaw where a body has room around it."""
+        while True:
+            x, y, yaw = random.uniform((-3.5, -2.5, -math.pi), (3.5, 2.5, math.pi)).tolist()
+            if self.clearance(x, y) > 2 * BODY_RADIUS_M:
+                return x, y, yaw
+
+
+def occupancy() -> Array:
+    """Return the map: 100 for cells in a box, else 0; row 0 has the lowest y, cell (0, 0) begins at `MAP_ORIGIN`."""
+    size = np.rint((_HIGH.max(axis=0) - MAP_ORIGIN) / RESOLUTION_M).astype(int)
+    x, y = (MAP_ORIGIN[axis] + (np.arange(size[axis]) + 0.5) * RESOLUTION_M for axis in (0, 1))
+    cells = np.zeros((size[1], size[0]), np.int8)
+    for box in BOXES:
+        inside = np.outer((y > box.y_min) & (y < box.y_max), (x > box.x_min) & (x < box.x_max))
+        cells[inside] = 100
+    return cells
+
+
+def _approach(value: float, target: float, step: float) -> float:
+    return value + max(-step, min(step, target - value))
+
+
+_LOW = np.array([(box.x_min, box.y_min) for box in BOXES])
+_HIGH = np.array([(box.x_max, box.y_max) for box in BOXES])
+_COLORS = np.array([*(box.color for box in BOXES), BODY_COLOR], np.uint8)
+MAP_ORIGIN: Array = _LOW.min(axis=0)
