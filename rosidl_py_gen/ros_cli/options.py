@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Coroutine
 from functools import partial, wraps
+from math import isfinite
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,6 +24,17 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import NetworkOptions as NetworkOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+class FiniteRange(click.FloatRange):
+    """Type of options with a number in a range, without NaN and infinities, which `click.FloatRange` accepts."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number; fail if it is out of the range or not finite."""
+        number = super().convert(value, param, ctx)
+        if not isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return number
 
 
 def compile_pattern(text: str, option: str) -> re.Pattern[str]:
@@ -253,8 +265,18 @@ class MultiValueOption(click.Option):
 
 
 several = partial(click.option, cls=MultiValueOption)
-start_offset = seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning.")
-duration = seconds("--duration", "duration_s", help="Duration of the selected part.")
+start_offset = click.option(
+    "--start-offset",
+    "offset_s",
+    type=FiniteRange(0),
+    default=0.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time to skip at the beginning.",
+)
+duration = click.option(
+    "--duration", "duration_s", type=FiniteRange(0), metavar="SECONDS", help="Duration of the selected part."
+)
 bag_path = click.argument("path", type=click.Path())
 compression = click.option(
     "--compression",

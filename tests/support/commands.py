@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from support.worlds import World
 
 
-COMMAND_TIMEOUT_S = 25
+COMMAND_TIMEOUT_S = 60
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ def run(main: Callable[[], Coroutine[Any, Any, None]], timeout_s: float = 20) ->
     asyncio.run(asyncio.wait_for(main(), timeout_s))
 
 
-async def until(condition: Callable[[], object], timeout_s: float = 20) -> None:
+async def until(condition: Callable[[], object], timeout_s: float = 60) -> None:
     deadline = asyncio.get_running_loop().time() + timeout_s
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
         await asyncio.sleep(0.001)
 
 
-def wait_until(condition: Callable[[], object], timeout_s: float = 20) -> None:
+def wait_until(condition: Callable[[], object], timeout_s: float = 60) -> None:
     """Wait as `until` does, in code without an event loop."""
     deadline = time.monotonic() + timeout_s
     while not condition():
@@ -65,4 +65,4 @@ def held_up(cpu_s: float = 0.05) -> float:
 
 async def take(stream: Any) -> Any:
     """Return the next item."""
-    return await asyncio.wait_for(stream.__anext__(), 20)
+    return await asyncio.wait_for(stream.__anext__(), 60)

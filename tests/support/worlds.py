@@ -173,7 +173,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     if _LOOP in pyfuncitem.stash:
         pyfuncitem.stash[_LOOP].run(pyfuncitem.obj(**arguments))
         return True
-    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 90 if "soak" not in pyfuncitem.name else None))
+    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 180 if "soak" not in pyfuncitem.name else None))
     return True
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from contextlib import ExitStack
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -118,7 +118,7 @@ def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
             number = Decimal(seconds)
             if not abs(number) < _MAX_OFFSET_S:
                 raise ValueError
-        except (InvalidOperation, ValueError):
+        except (ArithmeticError, ValueError):
             reason = f"expected a number of seconds below {_MAX_OFFSET_S}"
             raise click.UsageError(f"--offset {text}: got {seconds!r}; {reason}") from None
         offsets[Path(bag)] = round(number * NS_PER_S)

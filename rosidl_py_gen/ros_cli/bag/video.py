@@ -38,7 +38,7 @@ _MAX_HZ = 240
 )
 @click.option(
     "--fps",
-    type=click.FloatRange(0.01, 1000),
+    type=options.FiniteRange(0.01, 1000),
     metavar="HZ",
     help="Frames per second, from 0.01 to 1000.  [default: by the median interval of the first 200 images]",
 )

@@ -6,6 +6,8 @@ frame counts, and an image is repeated until the next one. So times in the video
 
 from __future__ import annotations
 
+from fractions import Fraction
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import av
@@ -15,7 +17,6 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.ros_cli import CommandError
 
 if TYPE_CHECKING:
-    from fractions import Fraction
     from pathlib import Path
 
     Pixels = np.ndarray[Any, np.dtype[Any]]
@@ -51,7 +52,8 @@ class VideoFile:
         return any(length % 2 for length in self._pixels.shape[:2])
 
     def _due(self, time_ns: int) -> int:
-        return round((time_ns - self._start_ns) * self._rate / NS_PER_S)
+        frame = (time_ns - self._start_ns) * self._rate / NS_PER_S
+        return ceil(frame - Fraction(1, 2))  # round() would alternate steps of 1 and 3 at half the rate
 
     def mismatch_reason(self, time_ns: int, pixels: Pixels) -> str:
         """Return why an image cannot be added; empty if it can."""
@@ -86,7 +88,7 @@ class VideoFile:
             self._container.close()
 
     def _open(self, height: int, width: int) -> None:
-        self._container = av.open(str(self._path), "w")
+        self._container = av.open(f"file:{self._path}", "w")  # a name with a colon is no address
         self._stream: Any = self._container.add_stream("libx264", rate=self._rate)
         self._stream.height, self._stream.width = height + height % 2, width + width % 2
         self._stream.pix_fmt = "yuv420p"

@@ -66,7 +66,7 @@ class DemoOptions:
 @click.option("--sim-time", is_flag=True, help="Publish /clock, and use its time, which starts at 0.")
 @click.option(
     "--speed",
-    type=click.FloatRange(0, 1000, min_open=True),
+    type=options.FiniteRange(0, 1000, min_open=True),
     default=1.0,
     metavar="FACTOR",
     help="Simulated seconds per second, with --sim-time.",
@@ -74,7 +74,7 @@ class DemoOptions:
 @click.option(
     "--duration",
     "duration_s",
-    type=click.FloatRange(0, min_open=True),
+    type=options.FiniteRange(0, min_open=True),
     metavar="SECONDS",
     help="End after this time; with --sim-time in simulated seconds.",
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,14 +14,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli import AsyncCommand
     from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.ros_cli.options import F
-
-
-class _Finite(click.FloatRange):
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        number = super().convert(value, param, ctx)
-        if not isfinite(number):
-            self.fail(f"{value} is not a finite number", param, ctx)
-        return number
 
 
 def _names(of: str, *names: str, help: str) -> Callable[[F], F]:
@@ -105,7 +96,7 @@ _ALTERNATIVES = (
 @click.option(
     "-r",
     "--rate",
-    type=_Finite(0, min_open=True),
+    type=options.FiniteRange(0, min_open=True),
     default=1.0,
     show_default=True,
     metavar="FACTOR",
@@ -121,11 +112,26 @@ _ALTERNATIVES = (
 @_names("action", "--exclude-actions", help="Skip these actions.")
 @click.option("-x", "--exclude-regex", "--exclude", metavar="REGEX", help="Skip names that match completely.")
 @click.option(
-    "--start-offset", "offset_s", type=_Finite(0), default=0.0, metavar="SECONDS", help="Time to skip at the beginning."
+    "--start-offset",
+    "offset_s",
+    type=options.FiniteRange(0),
+    default=0.0,
+    metavar="SECONDS",
+    help="Time to skip at the beginning.",
 )
-@click.option("--playback-duration", "playback_duration_s", type=_Finite(), metavar="SECONDS", help="Maximum duration.")
 @click.option(
-    "--playback-until-sec", "until_s", type=_Finite(), metavar="SECONDS", help="End time, in seconds since 1970."
+    "--playback-duration",
+    "playback_duration_s",
+    type=options.FiniteRange(),
+    metavar="SECONDS",
+    help="Maximum duration.",
+)
+@click.option(
+    "--playback-until-sec",
+    "until_s",
+    type=options.FiniteRange(),
+    metavar="SECONDS",
+    help="End time, in seconds since 1970.",
 )
 @click.option(
     "--playback-until-nsec",
@@ -134,12 +140,14 @@ _ALTERNATIVES = (
     metavar="NANOSECONDS",
     help="End time, in nanoseconds since 1970. With --playback-duration, the later end counts.",
 )
-@click.option("--duration", "duration_s", type=_Finite(0), metavar="SECONDS", help="Maximum duration, exclusive.")
+@click.option(
+    "--duration", "duration_s", type=options.FiniteRange(0), metavar="SECONDS", help="Maximum duration, exclusive."
+)
 @click.option(
     "-d",
     "--delay",
     "delay_s",
-    type=_Finite(0),
+    type=options.FiniteRange(0),
     default=0.0,
     metavar="SECONDS",
     help="Time to wait before the first message.",
@@ -155,7 +163,7 @@ _ALTERNATIVES = (
 @click.option(
     "--clock",
     "clock_hz",
-    type=_Finite(0, 10_000, min_open=True),
+    type=options.FiniteRange(0, 10_000, min_open=True),
     is_flag=False,
     flag_value=40.0,
     metavar="[HZ]",
@@ -209,7 +217,7 @@ _ALTERNATIVES = (
 @click.option(
     "--progress-bar-update-rate",
     "progress_hz",
-    type=_Finite(),
+    type=options.FiniteRange(),
     default=3.0,
     show_default=True,
     metavar="HZ",

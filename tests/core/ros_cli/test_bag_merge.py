@@ -76,6 +76,7 @@ def test_offsets_are_exact_and_apply_to_log_and_publish_times(run_here: Any, tmp
         (("--offset", "a=x"), "--offset a=x: got 'x'; expected a number of seconds below"),
         (("--offset", "a=nan"), "--offset a=nan: got 'nan'; expected a number"),
         (("--offset", "a=1e30"), "--offset a=1e30: got '1e30'; expected a number"),
+        (("--offset", "a=1e1000000"), "--offset a=1e1000000: got '1e1000000'; expected a number"),
         (("--offset", "c=1"), "--offset c=1: expected BAG=SECONDS with a bag of the arguments"),
         (("--offset", "1"), "--offset 1: expected BAG=SECONDS with a bag of the arguments"),
         (("a/",), "a/ is given twice"),

@@ -276,7 +276,7 @@ class Terminal:
         self.process = await start_process(
             *(sys.executable, "-c", RUN, *arguments), stdin=stream, stdout=stream, stderr=stream, env=environment
         )
-        await until(lambda: self.gives_keys, 25)
+        await until(lambda: self.gives_keys, 60)
 
     def _read(self) -> None:
         with suppress(OSError):
@@ -291,7 +291,7 @@ class Terminal:
 
     async def ended(self) -> int:
         assert self.process is not None
-        return await asyncio.wait_for(self.process.wait(), 25)
+        return await asyncio.wait_for(self.process.wait(), 60)
 
     def close(self) -> None:
         if self.process is not None and self.process.returncode is None:
@@ -323,17 +323,17 @@ async def test_player_keys_step_pause_and_change_rate(dds: World, terminal: Term
         String, "words", lambda message: received_texts.append(message.data), qos=QoSProfile(depth=100)
     )
     await terminal.start("bag", "play", bag, "--start-paused")
-    await until(lambda: "paused; space: pause" in terminal.seen, 25)
+    await until(lambda: "paused; space: pause" in terminal.seen, 60)
     terminal.press(RIGHT)
-    await until(lambda: received_texts == ["w0"], 25)
+    await until(lambda: received_texts == ["w0"], 60)
     terminal.press(UP + UP + DOWN)
-    await until(lambda: "at 1.1 times the rate" in terminal.seen, 25)
+    await until(lambda: "at 1.1 times the rate" in terminal.seen, 60)
     terminal.press(SPACE)
-    await until(lambda: ", paused" not in terminal.last, 25)
+    await until(lambda: ", paused" not in terminal.last, 60)
     terminal.press(RIGHT + SPACE + RIGHT[:1])  # no step while it plays
-    await until(lambda: ", paused" in terminal.last, 25)
+    await until(lambda: ", paused" in terminal.last, 60)
     terminal.press(RIGHT[1:] + RIGHT)
-    await until(lambda: received_texts == ["w0", "w1", "w2"], 25)
+    await until(lambda: received_texts == ["w0", "w1", "w2"], 60)
     terminal.press(SPACE)
     assert await terminal.ended() == 0
     assert terminal.state() == terminal.before
@@ -349,7 +349,7 @@ async def test_signal_that_ends_player_restores_terminal(
 ) -> None:
     await terminal.start("bag", "play", bag, "--start-paused", "--discovery", "off")
     assert terminal.process is not None
-    await until(lambda: terminal.last.endswith(", paused;"), 25)
+    await until(lambda: terminal.last.endswith(", paused;"), 60)
     os.kill(terminal.process.pid, number)
     assert await terminal.ended() == code
     assert terminal.state() == terminal.before
@@ -361,9 +361,9 @@ async def test_suspended_player_restores_terminal_until_resumed(dds: World, term
     assert terminal.process is not None
     for _ in range(2):
         os.kill(terminal.process.pid, signal.SIGTSTP)
-        await until(lambda: terminal.state() == terminal.before, 25)
+        await until(lambda: terminal.state() == terminal.before, 60)
         os.kill(terminal.process.pid, signal.SIGCONT)
-        await until(lambda: terminal.gives_keys, 25)
+        await until(lambda: terminal.gives_keys, 60)
     terminal.press(b"\x03")
     assert await terminal.ended() == 130
     assert terminal.state() == terminal.before
@@ -391,14 +391,14 @@ async def test_space_key_resumes_and_pauses_recorder(dds: World, terminal: Termi
     path = tmp_path / "bag"
     await terminal.start("bag", "record", "/words", "-o", str(path), "--start-paused", "--max-cache-size", "0")
     assert terminal.process is not None
-    await until(lambda: "recording /words" in terminal.seen, 25)
+    await until(lambda: "recording /words" in terminal.seen, 60)
     await publisher.wait_for_subscribers(20)
     terminal.press(b"x ")
-    await until(lambda: "recording resumed" in terminal.seen, 25)
+    await until(lambda: "recording resumed" in terminal.seen, 60)
     publisher.publish(String(data="a"))
     await until(lambda: count_of(path) == 1, 20)
     terminal.press(SPACE)
-    await until(lambda: "paused" in terminal.seen.rpartition("recording resumed")[2], 25)
+    await until(lambda: "paused" in terminal.seen.rpartition("recording resumed")[2], 60)
     os.kill(terminal.process.pid, signal.SIGHUP)
     assert await terminal.ended() == -signal.SIGHUP
     assert terminal.state() == terminal.before
@@ -423,8 +423,8 @@ async def test_disabled_keyboard_controls_leave_terminal_unchanged(
         stderr=asyncio.subprocess.PIPE,
     )
     assert process.stderr is not None
-    assert await asyncio.wait_for(process.stderr.readline(), 25) == line
+    assert await asyncio.wait_for(process.stderr.readline(), 60) == line
     assert terminal.state() == terminal.before
     process.terminate()
-    _, rest = await asyncio.wait_for(process.communicate(), 25)
+    _, rest = await asyncio.wait_for(process.communicate(), 60)
     assert b"space" not in rest

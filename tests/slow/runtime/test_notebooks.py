@@ -45,7 +45,7 @@ client = node.create_client(SetBool, "s")
 await publisher.wait_for_subscribers(5, count=2)
 await client.wait_for_service(5)
 """
-KERNEL_S = 20.0
+KERNEL_S = 60.0
 
 
 class Notebook:
