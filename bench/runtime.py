@@ -139,7 +139,7 @@ def pair(server: str, client: str, count: int, reporter: int = 1, **settings: st
 @contextmanager
 def private_network() -> Iterator[bool]:
     """Isolate the network of this process and its children; returns False if the system does not allow it."""
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "interop_rclpy"))
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "peers" / "interop_rclpy"))
     from private_network import PrivateNetwork  # type: ignore[import-not-found]
 
     try:
