@@ -24,7 +24,7 @@ SUFFIXES = (".py", ".pyi", ".jinja", ".j2", ".lark")
 COMPAT = "ros_compat"
 """The room of rclpy and its companions: packages of their own, whose imports are counted separately."""
 RECORD = "public_face.txt"
-"""Name of the record of the public API, which `tests/test_public_face.py` compares with the code."""
+"""Name of the record of the public API, which `tests/slow/project/test_public_face.py` compares with the code."""
 _NODE = "class runtime.Node"
 _MEMBER = re.compile(r"    (?:async def |def )?(\w+)")
 

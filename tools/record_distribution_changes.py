@@ -1,6 +1,6 @@
 """Write the table of the definitions that ROS 2 distributions do not share into `docs/reference/compatibility.md`.
 
-Run it as ``python tools/record_distribution_changes.py``; `docs/test_compatibility_matrix.py` compares. Rows
+Run it as ``python tools/record_distribution_changes.py``; `tests/core/docs/test_compatibility_matrix.py` compares. Rows
 are what ``rosidl-py-gen diff --distro OLD --distro NEW`` finds for each distribution and the one before it.
 """
 

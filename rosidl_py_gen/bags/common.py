@@ -95,13 +95,18 @@ def require_printable(topic: str) -> None:
         raise BagError(f"topic {printable(topic)[:200]!r}: expected a name without control characters")
 
 
+def partial_path(target: Path) -> Path:
+    """Return the path of the file that `written_durably` yields for `target`."""
+    return target.with_name(f".{target.name}")
+
+
 @contextmanager
 def written_durably(target: Path) -> Iterator[Path]:
     """Yield the path of a partial file, which replaces `target` after the ``with`` block; an exception removes it.
 
     A power cut leaves the old or the new file, never an incomplete one.
     """
-    partial = target.with_name(f".{target.name}")
+    partial = partial_path(target)
     try:
         yield partial
         sync_file(partial)

@@ -168,7 +168,10 @@ class BagCopy:
             self.omitted["channel_metadata"] += len((target.metadata or {}).keys() - {OFFERED_QOS, TYPE_HASH})
         merged = {}
         for key, group in groups.items():
-            texts = [text for text in dict.fromkeys(one.offered_qos for one in group) if text]
+            by_profiles: dict[str, str] = {}  # releases write one profile differently
+            for text in (one.offered_qos for one in group if one.offered_qos):
+                by_profiles.setdefault(repr(qos_profiles(text) or text), text)
+            texts = [*by_profiles.values()]
             hashes = [text for text in dict.fromkeys(one.type_hash for one in group) if text]
             qos = texts[0] if texts else ""
             if len(texts) > 1:  # all profiles, as in a bag that `ros2 bag convert` writes

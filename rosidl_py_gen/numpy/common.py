@@ -91,6 +91,13 @@ def check_count(value: Any, field: str) -> int:
     raise ConversionError(f"{field}: expected a number from 0 to {MAX_UINT32}, got {value!r:.50}")
 
 
+def check_flag(value: Any, field: str) -> bool:
+    """Return the truth of a number or bool; raises `ConversionError` if the value of `field` is something else."""
+    if isinstance(value, int | np.integer | np.bool_):
+        return bool(value)
+    raise ConversionError(f"{field}: expected 0 or 1, got {value!r:.50}")
+
+
 def contiguous_native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
     """Return the array contiguous in memory, and True if its byte order is big-endian."""
     piece = np.ascontiguousarray(array)

@@ -18,6 +18,7 @@ from rosidl_py_gen.numpy.common import (
     ConversionError,
     M,
     check_count,
+    check_flag,
     contiguous_native,
     flat_bytes,
     message_class,
@@ -90,7 +91,7 @@ def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> 
             than the image.
     """
     dtype, channels, (more, less) = _layout(image.encoding)
-    if image.is_bigendian:
+    if check_flag(image.is_bigendian, "is_bigendian"):
         dtype = dtype.newbyteorder(">")
     height, width, step = (check_count(getattr(image, name), name) for name in ("height", "width", "step"))
     if height % less:

@@ -13,6 +13,7 @@ from rosidl_py_gen.numpy.common import (
     M,
     as_float64,
     check_count,
+    check_flag,
     contiguous_native,
     flat_bytes,
     message_class,
@@ -44,6 +45,7 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
     step = check_count(cloud.point_step, "point_step")
     if step > _MAX_STEP:
         raise ConversionError(f"point_step: {step} bytes, but a point of an array has at most {_MAX_STEP}")
+    order = "<>"[check_flag(cloud.is_bigendian, "is_bigendian")]
     names, formats, offsets = [], [], []
     for index, field in enumerate(cloud.fields):
         place = f"fields[{index}]"
@@ -59,7 +61,7 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
             end = offset + int(kind[1]) * number
             raise ConversionError(f'{place}: "{name}" ends at byte {end}, but point_step is {step}')
         names.append(name)
-        formats.append((("<", ">")[bool(cloud.is_bigendian)] + kind, (number,) if number > 1 else ()))
+        formats.append((order + kind, (number,) if number > 1 else ()))
         offsets.append(offset)
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
 

@@ -1,1 +1,1 @@
-"""Helpers that tests share. Modules with a `main` are commands: ``python tools/record_public_api.py``."""
+"""Helpers that tests share, a module for each subject."""

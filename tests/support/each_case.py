@@ -13,7 +13,7 @@ import pytest
 from support.example_counts import examples
 
 LEAST_CASES = 40
-"""Cases of one test that a quick run tries if there are as many, evenly spread and the same in every run."""
+"""Cases of one test that the core tests try if there are as many, evenly spread and the same in every run."""
 
 
 def each_case(names: str | tuple[str, ...], cases: Iterable[Any]) -> Callable[[Callable[..., None]], Any]:

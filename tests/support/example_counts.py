@@ -1,4 +1,4 @@
-"""Number of examples of random tests, and of many cases; `ROSIDL_TEST_EXAMPLES` is a factor, 0.1 in quick runs."""
+"""Number of examples of random tests, and of many cases; `ROSIDL_TEST_EXAMPLES` is a factor, 0.1 for core tests."""
 
 from __future__ import annotations
 

@@ -41,6 +41,10 @@ def restart_without_message_packages(config: pytest.Config) -> None:
     command = [str(python), *flags, "-c", start, *map(str, config.invocation_params.args)]
     os.chdir(config.invocation_params.dir)
     sys.stdout.flush()
+    if (
+        "support.generated_packages" in sys.modules
+    ):  # a conftest has made them; functions of atexit are not called below
+        sys.modules["support.generated_packages"].GENERATED.cleanup()
     if _IS_WINDOWS:  # execv would return to the shell at once
         os._exit(subprocess.run(command, check=False).returncode)
     os.execv(command[0], command)

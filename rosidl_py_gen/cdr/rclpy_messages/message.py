@@ -1,6 +1,6 @@
 """Base classes of messages, services and actions that behave like the classes of a ROS installation.
 
-Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/rclpy_messages` compares with.
+Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/peers/rclpy_messages` compares with.
 """
 
 from __future__ import annotations

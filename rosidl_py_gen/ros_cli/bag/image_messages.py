@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import ProgressBar
 from rosidl_py_gen.ros_cli.bag.selection import select_part
@@ -13,8 +14,7 @@ from rosidl_py_gen.ros_cli.bag.selection import select_part
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.bags import BagMessage, BagReader
-    from rosidl_py_gen.errors import RosidlError
+    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _KINDS = (IMAGE, COMPRESSED, "sensor_msgs/Image", "sensor_msgs/CompressedImage")
@@ -43,6 +43,19 @@ class ImageMessages:
         if not self.topics:
             raise CommandError(f"{reader.path} has no topic of {IMAGE} or {COMPRESSED}")
         self._skipped: dict[tuple[str, str], tuple[int, str]] = {}
+        for channel in reader.channels:
+            if channel.name in self.topics:
+                self._require_definition(channel, is_selected=bool(topics))
+
+    def _require_definition(self, channel: BagTopic, is_selected: bool) -> None:
+        """Leave a topic out whose definition cannot be used; raises the error of a selected topic."""
+        try:
+            self._reader.definition(channel)
+        except RosidlError as error:
+            if is_selected:
+                raise
+            self.topics.remove(channel.name)
+            self._skipped[channel.name, ""] = channel.count or 0, str(error)
 
     def first_times(self, count: int) -> list[int]:
         """Return the log times of the first images, of which some may be damaged."""
@@ -75,7 +88,7 @@ class ImageMessages:
         self._skipped[topic, kind] = count + 1, first
 
     def skipped_rows(self) -> list[dict[str, Any]]:
-        """Return topic, number and reason of skipped images; those of one topic and field have one reason."""
+        """Return topic, number and reason of skipped images; images of one topic and field have one row."""
         rows = [(topic, *skipped) for (topic, _), skipped in self._skipped.items()]
         rows += [(topic, one.count, one.reason) for topic, one in self._reader.skipped.items()]
         return [{"topic": topic, "images": count, "reason": reason} for topic, count, reason in rows]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagMessage
 
 _SUFFIXES = {"png": ".png", "jpeg": ".jpg"}
+_BAD_NAME = {errno.ENAMETOOLONG, errno.ENOTDIR, errno.EEXIST}
+"""Errors of a topic whose name is too long for a file, or is a folder where another topic has a file."""
 _DEPTH_HEADER_BYTES = 12
 """Size of the header of compressed_depth_image_transport before the PNG."""
 
@@ -73,7 +77,7 @@ def images(
     folder = Path(out)
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise CommandError(f"{folder} exists already; expected a new or an empty folder")
-    written: Counter[str] = Counter()
+    files, written = _Files(folder), Counter[str]()
     with opened_bag(path, search_path=paths) as reader:
         messages = ImageMessages(reader, topics, offset_s, duration_s)
         for item in messages:
@@ -82,9 +86,17 @@ def images(
             except ConversionError as error:
                 messages.skip(item, error)
                 continue
-            _write(folder, item, data, suffix)
+            try:
+                files.write(item, data, suffix)
+            except OSError as error:
+                if error.errno not in _BAD_NAME:
+                    raise
+                messages.skip(item, CommandError(f"topic: no file of this name: {error.strerror}"))
+                continue
             written[item.topic] += 1
         skipped = messages.skipped_rows()
+        if not written and not skipped:
+            raise CommandError(f"{path} has no images in the selected part")
         if as_json:
             rows = [{"topic": topic, "images": written[topic]} for topic in messages.topics]
             document: dict[str, Any] = {"path": out, "topics": rows, "skipped": skipped}
@@ -136,23 +148,31 @@ def _recorded_picture(message: Any) -> tuple[bytes, str]:
     return data, suffix
 
 
-def _write(folder: Path, item: BagMessage, data: bytes, suffix: str) -> None:
-    """Write a new file; a second image of a topic and time has the suffix -1."""
-    names = [quote(name, safe="") for name in item.topic.split("/") if name]
-    names = [name.replace(".", "%2E") if set(name) == {"."} else name for name in names]  # leads out of the folder
-    target = folder.joinpath(*names)
-    target.mkdir(parents=True, exist_ok=True)
-    seconds, rest = sec_nanosec(item.log_time)
-    for number in count():
-        path = target / f"{seconds}.{rest:09d}{f'-{number}' if number else ''}{suffix}"
-        try:
-            stream = path.open("xb")
-        except FileExistsError:
-            continue
+class _Files:
+    """New files of images in a folder: TOPIC/TIME.SUFFIX, with -1, -2 and so on for more images of one time."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._last: dict[Path, tuple[int, int]] = {}  # of each folder: time and number of the newest file
+
+    def write(self, item: BagMessage, data: bytes, suffix: str) -> None:
+        """Write an image to a new file; raises `OSError`."""
+        names = [quote(name, safe="") for name in item.topic.split("/") if name]
+        names = [name.replace(".", "%2E") if set(name) == {"."} else name for name in names]  # leads out of the folder
+        target = self._folder.joinpath(*names)
+        target.mkdir(parents=True, exist_ok=True)
+        seconds, rest = sec_nanosec(item.log_time)
+        last_time, last_number = self._last.get(target, (None, 0))
+        for number in count(last_number + 1 if last_time == item.log_time else 0):
+            # Ten digits of seconds, so that names are in the order of their times.
+            path = target / f"{seconds:010d}.{rest:09d}{f'-{number}' if number else ''}{suffix}"
+            with suppress(FileExistsError):
+                stream = path.open("xb")
+                break
+        self._last[target] = item.log_time, number
         try:
             with stream:
                 stream.write(data)
-        except OSError:
-            path.unlink()  # the disk is full
+        except BaseException:
+            path.unlink()  # incomplete: the disk is full, or Ctrl-C
             raise
-        return

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
 
+_HINT = "select topics with rosidl-py bag convert --topics"
 _MAX_OFFSET_S = 1 << 33
 """Largest offset in seconds; the log times of bags end in 2262."""
 
@@ -75,9 +76,9 @@ def merge(
         channels = []
         for reader, shift in zip(readers, shifts, strict=True):
             find_all_channels(reader)
-            channels.append(channels_with_definitions(reader, [*reader.topics], without_definitions))
+            channels.append(channels_with_definitions(reader, [*reader.topics], without_definitions, _HINT))
             if shift and has_attachments(reader):
-                terminal_output.note(f"{reader.path}: attachments keep their times; --offset changes those of messages")
+                terminal_output.note(f"{reader.path}: attachments keep their times; --offset is for messages")
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
             count, omitted = _merge(readers, writer, shifts, channels)
         damaged = [part for reader in readers for part in reader.damaged]
@@ -109,6 +110,7 @@ def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
     if len(offsets) < len(bags):
         twice = next(bag for number, bag in enumerate(bags) if Path(bag) in map(Path, bags[:number]))
         raise click.UsageError(f"{twice} is given twice")
+    given: set[Path] = set()
     for text in texts:
         bag, _, seconds = text.rpartition("=")
         if Path(bag) not in offsets or not bag:
@@ -121,6 +123,9 @@ def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
         except (ArithmeticError, ValueError):
             reason = f"expected a number of seconds below {_MAX_OFFSET_S}"
             raise click.UsageError(f"--offset {text}: got {seconds!r}; {reason}") from None
+        if Path(bag) in given:
+            raise click.UsageError(f"--offset {text}: {bag} has an offset already")
+        given.add(Path(bag))
         offsets[Path(bag)] = round(number * NS_PER_S)
     return [offsets[Path(bag)] for bag in bags]
 
@@ -164,7 +169,8 @@ def _in_time(number: int, reader: BagReader, offset_ns: int) -> Iterator[tuple[i
     for message in reader.raw_messages():
         log_time = message.log_time + offset_ns
         if offset_ns:
-            message = message._replace(log_time=log_time, publish_time=message.publish_time + offset_ns)
+            publish_time = message.publish_time + offset_ns if message.publish_time else 0  # 0: unknown
+            message = message._replace(log_time=log_time, publish_time=publish_time)
         yield log_time, number, message
 
 

@@ -59,11 +59,12 @@ def start_of(name: str, start_ns: int, end_ns: int, offset_s: float) -> int:
 
 
 def channels_with_definitions(
-    reader: BagReader, topics: Sequence[str], keeps_unknown: bool
+    reader: BagReader, topics: Sequence[str], keeps_unknown: bool, hint: str = "select topics with --topics"
 ) -> dict[tuple[str, ...], BagTopic]:
     """Return the channels to write, by key of the recorded channel, each with its recorded or a local definition.
 
-    Raises `CommandError` if a channel with messages has no matching definition, and `keeps_unknown` is False.
+    Raises `CommandError` if a channel with messages has no matching definition, and `keeps_unknown` is False; its text
+    contains `hint`, which says how to leave topics out.
     """
     channels: dict[tuple[str, ...], BagTopic] = {}
     unknown: list[tuple[BagTopic, str]] = []
@@ -85,7 +86,7 @@ def channels_with_definitions(
         channels[channel.key] = described(channel, known)
         if has_definition(channels[channel.key]):
             guessed.add(f"{channel.type_name} from {known.origin}")
-    _require_known(reader, unknown, keeps_unknown)
+    _require_known(reader, unknown, keeps_unknown, hint)
     if guessed:
         terminal_output.note(f"definitions that the bag does not contain are written: {', '.join(sorted(guessed))}")
     return channels
@@ -102,12 +103,12 @@ def guess_mismatch(reader: BagReader, channel: BagTopic, known: TopicDefinition)
     return mismatch_reason(channel, known, islice(messages, _SAMPLES))
 
 
-def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool) -> None:
+def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool, hint: str) -> None:
     missing = [f"{channel.type_name}: {reason}" for channel, reason in unknown if channel.count != 0]
     if missing and not keeps_unknown:
         raise CommandError(
-            f"{reader.path}: no definitions of {'; '.join(missing)}. Pass them with --path DIR, select topics with "
-            "--topics, or write them without definitions with --without-definitions"
+            f"{reader.path}: no definitions of {'; '.join(missing)}. Pass them with --path DIR, {hint}, "
+            "or write them without definitions with --without-definitions"
         )
     for channel, reason in unknown:
         terminal_output.note(f"{channel.name} [{channel.type_name}] is written without a definition: {reason}")

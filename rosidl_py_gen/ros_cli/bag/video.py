@@ -68,7 +68,7 @@ def video(
     rosidl-py bag video drive front.mp4 --topic /front/image_raw/compressed --fps 10 --start-offset 60 --duration 20
     """
     require_modules("av")
-    from rosidl_py_gen.bags.common import written_durably
+    from rosidl_py_gen.bags.common import partial_path, written_durably
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.image_messages import ImageMessages
     from rosidl_py_gen.ros_cli.bag.video_file import VideoFile
@@ -78,6 +78,8 @@ def video(
         raise CommandError(f"{target}: expected a file that ends with {', '.join(_SUFFIXES)}")
     if target.exists():
         raise CommandError(f"{target} exists already")
+    if (partial := partial_path(target)).exists():
+        raise CommandError(f"{partial} exists, perhaps of a run that goes on or was killed; remove it")
     with opened_bag(path, search_path=paths) as reader:
         images = ImageMessages(reader, () if topic is None else (topic,), offset_s, duration_s)
         if len(images.topics) > 1:
@@ -100,15 +102,17 @@ def video(
 
 
 def _fraction(hz: float) -> Fraction:
-    """Return a rate as containers store it: 29.97 is 30000/1001."""
+    """Return a rate as a fraction with a small denominator, as containers store it."""
     return Fraction(hz).limit_denominator(1001)
 
 
 def _median_rate(times_ns: Sequence[int]) -> Fraction:
-    """Return the rate of images: an integer, or below 2 Hz a multiple of 1/60 Hz."""
+    """Return the rate of images in Hz: the nearest integer if it is within 2 %, as recorders are not exact."""
     intervals = sorted(later - earlier for earlier, later in pairwise(times_ns))
     hz = Fraction(NS_PER_S, max(1, intervals[(len(intervals) - 1) // 2])) if intervals else Fraction(1)
-    return Fraction(min(_MAX_HZ, round(hz))) if hz >= 2 else Fraction(max(1, round(hz * 60)), 60)
+    if abs(round(hz) - hz) <= hz / 50:
+        hz = Fraction(round(hz))
+    return min(Fraction(_MAX_HZ), max(Fraction(1, 60), hz.limit_denominator(60)))
 
 
 def _encode(images: ImageMessages, target: VideoFile) -> None:

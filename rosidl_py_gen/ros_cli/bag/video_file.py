@@ -6,6 +6,7 @@ frame counts, and an image is repeated until the next one. So times in the video
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.ros_cli import CommandError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     Pixels = np.ndarray[Any, np.dtype[Any]]
@@ -73,19 +75,32 @@ class VideoFile:
             self._write(due - self.frames)
         else:
             self._start_ns = time_ns
-            self._open(*pixels.shape[:2])
+            with self._errors(*pixels.shape[:2]):
+                self._open(*pixels.shape[:2])
         self._pixels = pixels
         self.images += 1
 
     def finish(self) -> None:
         """Write the last image, and what the encoder has buffered."""
         self._write(1)
-        self._encode(None)
+        with self._errors(*self._pixels.shape[:2]):
+            self._encode(None)
 
     def close(self) -> None:
         """Close the file."""
         if self._container is not None:
             self._container.close()
+
+    @contextmanager
+    def _errors(self, height: int, width: int) -> Iterator[None]:
+        """Raise errors of FFmpeg as `CommandError`, but errors of the file as they are: `OSError`."""
+        try:
+            yield
+        except av.FFmpegError as error:
+            if isinstance(error, OSError):  # a full disk
+                raise
+            size = f"{width} x {height}"
+            raise CommandError(f"the encoder does not accept frames of {size}: {error.strerror}") from None
 
     def _open(self, height: int, width: int) -> None:
         self._container = av.open(f"file:{self._path}", "w")  # a name with a colon is no address
@@ -101,19 +116,14 @@ class VideoFile:
             return
         height, width = self._pixels.shape[:2]
         even = np.pad(self._pixels, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-        frame: Any = av.VideoFrame.from_ndarray(even, format="rgb24")
-        frame = frame.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED_RANGE)
-        frame.time_base = 1 / self._rate
-        for _ in range(count):
-            frame.pts = self.frames
-            self.frames += 1
-            self._encode(frame)
+        with self._errors(height, width):
+            frame: Any = av.VideoFrame.from_ndarray(even, format="rgb24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED_RANGE)
+            frame.time_base = 1 / self._rate
+            for _ in range(count):
+                frame.pts = self.frames
+                self.frames += 1
+                self._encode(frame)
 
     def _encode(self, frame: av.VideoFrame | None) -> None:
-        try:
-            self._container.mux(self._stream.encode(frame))
-        except av.FFmpegError as error:
-            if isinstance(error, OSError):  # a full disk
-                raise
-            size = f"{self._stream.width} x {self._stream.height}"
-            raise CommandError(f"the encoder does not accept frames of {size}: {error.strerror}") from None
+        self._container.mux(self._stream.encode(frame))

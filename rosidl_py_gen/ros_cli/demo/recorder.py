@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.bags import BagError, BagWriter
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import Durability, Node, QoSProfile, Subscription
@@ -23,14 +23,26 @@ _LAST_MESSAGES_S = 0.1
 
 @asynccontextmanager
 async def recording(path: str, node: Node, nodes: Sequence[Node], schedule: Schedule) -> AsyncIterator[None]:
-    """Record some nodes; `node` gets the subscriptions. Raises `BagError` if `path` exists already."""
+    """Record some nodes; `node` gets the subscriptions.
+
+    Raises:
+        BagError: `path` exists already.
+        OSError: a message could not be written; the recording ended there, and the drive went on.
+    """
     count = 0
+    failure: Exception | None = None
 
     def subscribe(topic: str, type_name: str) -> Subscription[bytes]:
         def write(data: bytes) -> None:
-            nonlocal count
-            bag.write(topic, data, schedule.now.nanoseconds)
-            count += 1
+            nonlocal count, failure
+            if failure is not None:
+                return
+            try:
+                bag.write(topic, data, schedule.now.nanoseconds)
+                count += 1
+            except (BagError, OSError) as error:
+                failure = error
+                terminal_output.note(f"the recording ends here: {error}")
 
         message = get_message(type_name)
         offered = [one.qos_profile for one in node.get_publishers_info_by_topic(topic)]
@@ -46,7 +58,7 @@ async def recording(path: str, node: Node, nodes: Sequence[Node], schedule: Sche
         subscribed.update(node.get_subscriber_names_and_types_by_node(one.name, one.namespace))
     with BagWriter(path) as bag:
         for topic, types in published.items():
-            if "/_" not in topic:  # hidden topics of actions
+            if "/_action/" not in topic:
                 await subscribe(topic, types[0]).wait_for_publishers()
         for topic, types in subscribed.items():
             if topic.endswith("/cmd_vel"):
@@ -56,3 +68,5 @@ async def recording(path: str, node: Node, nodes: Sequence[Node], schedule: Sche
             await asyncio.sleep(_LAST_MESSAGES_S)
         finally:
             terminal_output.note(f"recorded {pluralize(count, 'message')} in {path}")
+    if failure is not None:
+        raise failure

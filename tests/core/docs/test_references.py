@@ -17,7 +17,7 @@ from support.markdown_pages import find_test_file
 PAGES = {name: ROOT / "docs" / "internals" / f"{name}.md" for name in ("protocol", "dds", "zenoh")}
 FILES = [
     path
-    for folder in ("rosidl_py_gen", "templates", "tests", "bench", "examples", "docs")
+    for folder in ("rosidl_py_gen", "templates", "tests", "tools", "bench", "examples", "docs")
     for path in sorted((ROOT / folder).rglob("*"))
     if path.suffix in {".py", ".pyi", ".j2", ".lark", ".md"} and path not in PAGES.values()
 ]

@@ -51,6 +51,9 @@ def test_missing_field_is_reported() -> None:
     half = SimpleNamespace(encoding="mono8", is_bigendian=0, height=1, width=1)
     with pytest.raises(ConversionError, match=r"expected a sensor_msgs/msg/Image, got SimpleNamespace: .*'step'"):
         conversions.image_to_array(image=half)
+    odd = SimpleNamespace(encoding="mono8", is_bigendian=np.zeros(2, np.uint8), height=1, width=1, step=1, data=b"\7")
+    with pytest.raises(ConversionError, match=r"is_bigendian: expected 0 or 1, got array\(\[0, 0\]"):
+        conversions.image_to_array(odd)
     cloud = PointCloud2(point_step=4)
     cloud.fields = [7]
     with pytest.raises(ConversionError, match="PointCloud2: 'int' object has no attribute 'datatype'"):

@@ -289,7 +289,7 @@ def test_tests_use_private_names_only_if_the_documentation_lists_them() -> None:
     rows = re.findall(r"(?m)^\|([^|]+)", text.partition("## Private structure that tests use")[2])
     listed = {name for row in rows for name in re.findall(r"`(_\w+)`", row)}
     own_names = {name for module in modules().values() for name in module.own if _is_private(name)}
-    unchecked = tuple(f"{tests.as_posix()}/{folder}" for folder in ("golden", *RUN_BY_RCLPY))
+    unchecked = tuple(f"{tests.as_posix()}/{folder}" for folder in ("golden/", *RUN_BY_RCLPY))
     wrong = []
     for path in sorted([*tests.rglob("*.py"), *ROOT.glob("tools/*.py")]):
         text = path.read_text(encoding="utf-8")

@@ -1,5 +1,5 @@
 """Commands for tests."""
 
-from support.commands import run_here, tool, topic_peer
+from support.commands import run_here, tool
 
-__all__ = ["run_here", "tool", "topic_peer"]
+__all__ = ["run_here", "tool"]

@@ -79,6 +79,7 @@ def test_offsets_are_exact_and_apply_to_log_and_publish_times(run_here: Any, tmp
         (("--offset", "a=1e1000000"), "--offset a=1e1000000: got '1e1000000'; expected a number"),
         (("--offset", "c=1"), "--offset c=1: expected BAG=SECONDS with a bag of the arguments"),
         (("--offset", "1"), "--offset 1: expected BAG=SECONDS with a bag of the arguments"),
+        (("--offset", "a=1", "--offset", "a=2"), "--offset a=2: a has an offset already"),
         (("a/",), "a/ is given twice"),
     ],
 )
@@ -96,6 +97,16 @@ def test_offset_to_times_before_1970_fails_and_leaves_no_bag(run_here: Any, tmp_
         code, _, err = run_here("bag", "merge", str(out), str(a), "--offset", f"{a}=-1")
         assert code == 1 and "/s: log time -1000000000 is not from 0" in err
         assert not out.exists()
+
+
+def test_unknown_publish_times_stay_unknown(run_here: Any, tmp_path: Path) -> None:
+    a = tmp_path / "a.mcap"
+    with BagWriter(a) as bag:
+        bag.write("/s", get_message("std_msgs/msg/String")(data="x"), log_time_ns=9_000_000_000, publish_time_ns=0)
+    out = tmp_path / "out.mcap"
+    assert run_here("bag", "merge", str(out), str(a), "--offset", f"{a}=-2")[0] == 0
+    with BagReader(out) as bag:
+        assert [(one.log_time, one.publish_time) for one in bag.raw_messages()] == [(7_000_000_000, 0)]
 
 
 def test_existing_output_is_refused(run_here: Any, tmp_path: Path) -> None:
@@ -172,7 +183,7 @@ def test_attachments_and_metadata_of_all_bags_are_kept(run_here: Any, tmp_path: 
     b = with_records(tmp_path / "b.mcap", attachment_record("b", "", b"2"), metadata_record("site", {"robot": "b"}))
     out = tmp_path / "out.mcap"
     code, _, err = run_here("bag", "merge", str(out), str(a), str(b), "--offset", f"{b}=1")
-    assert code == 0 and f"{b}: attachments keep their times; --offset changes those of messages\n" in err
+    assert code == 0 and f"{b}: attachments keep their times; --offset is for messages\n" in err
     assert f"{a}: attachments" not in err
     contents = read_contents(out)
     assert sorted(contents.attachments) == [("a", "", 1, 2, b"1"), ("b", "", 1, 2, b"2")]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from support.bag_samples import file_size_limit
 
 from rosidl_py_gen import ExtraMissingError, get_action, get_message, get_service
 from rosidl_py_gen.bags import BagReader
@@ -490,6 +491,12 @@ async def test_recorded_bag_has_everything_of_the_drive(tool: Any, node: Node, t
         assert offered.durability is Durability.TRANSIENT_LOCAL
         scans = [item for item in reader if item.topic == "/scan"]
         assert scans[-1].message.header.stamp.sec == 4 and scans[-1].log_time == 4_000_000_000
+
+
+async def test_full_disk_ends_the_recording_and_is_the_result(tool: Any, node: Node, tmp_path: Path) -> None:
+    with file_size_limit(10_000):
+        ended = await tool("demo", "--sim-time", "--duration", "8", "--record", str(tmp_path / "drive"))
+    assert ended.code == 1 and "the recording ends here: " in ended.err and "error: " in ended.err
 
 
 async def test_interrupted_recording_can_be_read(tool: Any, node: Node, tmp_path: Path) -> None:

@@ -3,9 +3,6 @@
 from pathlib import Path
 
 import pytest
-from support.local_network import only_loopback
-
-__all__ = ["only_loopback"]
 
 
 @pytest.fixture(autouse=True)

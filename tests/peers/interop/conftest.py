@@ -15,16 +15,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 from support.environments import kept
-from support.local_network import domain_id, only_loopback
-from support.worlds import dds, pytest_pyfunc_call
+from support.local_network import domain_id
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-__all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
 SOURCES = Path(__file__).parent / "peers"
 _CYCLONE_XML = (

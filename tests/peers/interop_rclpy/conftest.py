@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 from support.environments import built_peers, rclpy_python
-from support.local_network import domain_id, only_loopback, zenoh_environment
+from support.local_network import domain_id, zenoh_environment
 from support.processes import SHORT_LEASE
-from support.worlds import World, pytest_pyfunc_call
+from support.worlds import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -25,9 +25,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from private_network import PrivateNetwork
 from rclpy_peer import ANSWER_S, Peer
-
-__all__ = ["only_loopback", "pytest_pyfunc_call"]
-
 
 FAST_DDS, CYCLONE_DDS, ZENOH = "Fast DDS", "Cyclone DDS", "Zenoh"
 PREFIXES = {"cyclone_": CYCLONE_DDS, "zenoh_": ZENOH, "": FAST_DDS}

@@ -10,14 +10,12 @@ from pathlib import Path
 import pytest
 from support.concurrent_programs import at_once
 from support.environments import rclpy_python
-from support.local_network import DOMAINS, only_loopback
-from support.worlds import dds, pytest_pyfunc_call
+from support.local_network import DOMAINS
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 from observed_programs import PROGRAMS, Both, Case, Observed, Observer
 
-__all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 _observations: dict[Path, dict[int, Both | BaseException]] = {}
 
 

@@ -13,7 +13,7 @@ from support.bag_damage import zeroed_chunk
 from support.bag_samples import file_size_limit
 
 from rosidl_py_gen import compile_definition, get_message
-from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
 from rosidl_py_gen.numpy import array_to_compressedimage, array_to_image, compressedimage_to_array, image_to_array
 
 if TYPE_CHECKING:
@@ -65,16 +65,16 @@ def test_images_become_png_with_equal_pixels(
     bag = write(tmp_path / "bag", ("/camera/image", array_to_image(array, encoding)))
     out = tmp_path / "out"
     assert run_here("bag", "images", bag, "--out", str(out)) == (0, f"1 image of 1 topic in {out}\n", "")
-    assert files(out) == ["camera/image/10.000000000.png"]
-    assert np.array_equal(pixels(out / "camera/image/10.000000000.png"), expected)
+    assert files(out) == ["camera/image/0000000010.000000000.png"]
+    assert np.array_equal(pixels(out / "camera/image/0000000010.000000000.png"), expected)
 
 
 def test_images_become_jpeg_with_similar_pixels(run_here: Any, tmp_path: Path) -> None:
     array = np.full((16, 16, 3), (200, 100, 50), np.uint8)
     bag = write(tmp_path / "bag", ("/a", array_to_image(array, "rgb8")))
     assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"), "--format", "jpeg", "--quality", "90")[0] == 0
-    assert files(tmp_path / "out") == ["a/10.000000000.jpg"]
-    assert np.abs(pixels(tmp_path / "out/a/10.000000000.jpg").astype(int) - array).max() < 6
+    assert files(tmp_path / "out") == ["a/0000000010.000000000.jpg"]
+    assert np.abs(pixels(tmp_path / "out/a/0000000010.000000000.jpg").astype(int) - array).max() < 6
 
 
 @pytest.mark.parametrize(("format", "suffix"), [("jpeg", ".jpg"), ("png", ".png")])
@@ -82,7 +82,7 @@ def test_compressed_images_keep_their_bytes(run_here: Any, tmp_path: Path, forma
     image: Any = array_to_compressedimage(COLOR, "rgb8", format=format)
     bag = write(tmp_path / "bag", ("/a", image))
     assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"))[0] == 0
-    assert (tmp_path / f"out/a/10.000000000{suffix}").read_bytes() == image.data.tobytes()
+    assert (tmp_path / f"out/a/0000000010.000000000{suffix}").read_bytes() == image.data.tobytes()
 
 
 def test_compressed_depth_of_16uc1_becomes_png(run_here: Any, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_compressed_depth_of_16uc1_becomes_png(run_here: Any, tmp_path: Path) ->
     image = CompressedImage(format="16UC1; compressedDepth png", data=struct.pack("<iff", 0, 0, 0) + png.data.tobytes())
     bag = write(tmp_path / "bag", ("/depth", image))
     assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"))[0] == 0
-    assert np.array_equal(pixels(tmp_path / "out/depth/10.000000000.png"), GRAY)
+    assert np.array_equal(pixels(tmp_path / "out/depth/0000000010.000000000.png"), GRAY)
     assert np.array_equal(compressedimage_to_array(image), GRAY)
 
 
@@ -167,7 +167,7 @@ def test_other_topics_are_counted_and_selected_ones_must_have_images(run_here: A
     code, printed, err = run_here("bag", "images", bag, "-o", str(tmp_path / "out"))
     assert (code, err) == (0, "2 topics of other types skipped\n") and printed.startswith("2 images of 2 topics")
     code, printed, err = run_here("bag", "images", bag, "-o", str(tmp_path / "b"), "--topics", "/b")
-    assert (code, err) == (0, "") and files(tmp_path / "b") == ["b/10.100000000.png"]
+    assert (code, err) == (0, "") and files(tmp_path / "b") == ["b/0000000010.100000000.png"]
     code, _, err = run_here("bag", "images", bag, "-o", str(tmp_path / "c"), "--topics", "/b", "/text")
     assert code == 1 and "/text has messages of std_msgs/msg/String; expected sensor_msgs/msg/Image or" in err
     code, _, err = run_here("bag", "images", bag, "-o", str(tmp_path / "c"), "--topics", "/bb")
@@ -191,15 +191,42 @@ def test_part_of_a_bag_is_selected_by_times(run_here: Any, tmp_path: Path) -> No
     bag = write(tmp_path / "bag", *[("/a", array_to_image(COLOR, "rgb8"))] * 10)
     part = "--start-offset", "0.3", "--duration", "0.2"
     assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"), *part)[0] == 0
-    assert files(tmp_path / "out") == ["a/10.300000000.png", "a/10.400000000.png"]
+    assert files(tmp_path / "out") == ["a/0000000010.300000000.png", "a/0000000010.400000000.png"]
 
 
 def test_images_of_one_time_get_different_names(run_here: Any, tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", *[("/a", array_to_image(COLOR + number, "rgb8")) for number in range(3)], step_ns=0)
     assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"))[0] == 0
-    names = ["a/10.000000000-1.png", "a/10.000000000-2.png", "a/10.000000000.png"]
+    names = ["a/0000000010.000000000-1.png", "a/0000000010.000000000-2.png", "a/0000000010.000000000.png"]
     assert files(tmp_path / "out") == names
     assert [pixels(tmp_path / "out" / name)[0, 0, 0] for name in names] == [1, 2, 0]
+
+
+def test_topic_without_a_possible_file_name_is_skipped(run_here: Any, tmp_path: Path) -> None:
+    long = f"/{'ü' * 100}"
+    bag = write(tmp_path / "bag", *[(topic, array_to_image(COLOR, "rgb8")) for topic in ("/a", long, "/b")])
+    code, printed, err = run_here("bag", "images", bag, "-o", str(tmp_path / "out"))
+    assert (code, printed) == (3, f"2 images of 2 topics in {tmp_path / 'out'}\n")
+    assert f"{long}: 1 image skipped" in err and "no file of this name" in err
+
+
+def test_topic_with_an_invalid_definition_is_skipped_unless_selected(run_here: Any, tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with BagWriter(path) as bag:
+        bad = BagTopic("/bad", "sensor_msgs/msg/Image", "uint8 !!! x")
+        bag.add_raw_topic(bad)
+        bag.write_raw(RawMessage(bad, b"\0\1\0\0", S, S))
+        bag.write("/good", array_to_image(COLOR, "rgb8"), S)
+    code, printed, err = run_here("bag", "images", str(path), "-o", str(tmp_path / "out"))
+    assert code == 3 and printed.startswith("1 image of 1 topic") and "/bad: 1 image skipped" in err
+    assert run_here("bag", "images", str(path), "-o", str(tmp_path / "two"), "--topics", "/bad")[0] == 1
+
+
+def test_part_without_images_is_an_error(run_here: Any, tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", *[("/a", array_to_image(COLOR, "rgb8"))] * 2, step_ns=10 * S)
+    words = ("--start-offset", "3", "--duration", "1")
+    code, _, err = run_here("bag", "images", bag, "-o", str(tmp_path / "out"), *words)
+    assert code == 1 and err.endswith("bag has no images in the selected part\n")
 
 
 @pytest.mark.parametrize("topic", ["/../../evil", "..", "/a/./b", "//x//", "/a b:c*\\d", "/ü"])
@@ -209,7 +236,9 @@ def test_files_stay_in_the_folder_whatever_the_topic(run_here: Any, tmp_path: Pa
     out = tmp_path / "deep/er/out"
     assert run_here("bag", "images", bag, "-o", str(out))[0] == 0
     (name,) = files(out)
-    assert name.endswith("10.000000000.png") and set(name) <= set("%./-_abcdefghijklmnopqrstuvwxyz0123456789ABCDEF")
+    assert name.endswith("0000000010.000000000.png") and set(name) <= set(
+        "%./-_abcdefghijklmnopqrstuvwxyz0123456789ABCDEF"
+    )
     assert {path.name for path in (tmp_path / "deep/er").iterdir()} == {"bag.mcap", "out"}
 
 
@@ -230,7 +259,7 @@ def test_full_disk_leaves_no_incomplete_file(run_here: Any, tmp_path: Path) -> N
     with file_size_limit(10_000):
         code, _, err = run_here("bag", "images", bag, "-o", str(tmp_path / "out"))
     assert code == 1 and "File too large" in err
-    assert files(tmp_path / "out") == ["a/10.000000000.png"]
+    assert files(tmp_path / "out") == ["a/0000000010.000000000.png"]
 
 
 def test_definition_without_the_fields_of_an_image_is_skipped(run_here: Any, tmp_path: Path) -> None:

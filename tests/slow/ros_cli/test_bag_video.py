@@ -98,11 +98,27 @@ def test_fps_selects_the_rate(run_here: Any, tmp_path: Path, fps: str, rate: Fra
     assert times == pytest.approx([float(number / rate) for number in range(frames)], abs=1e-3)
 
 
+def test_half_the_rate_shows_every_second_image(run_here: Any, tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", *even(range(0, 200, 20), 10))
+    assert run_here("bag", "video", bag, str(tmp_path / "2024-01-01T12:00:00.mp4"), "--fps", "5")[0] == 0
+    assert reds(tmp_path / "2024-01-01T12:00:00.mp4") == [20, 60, 100, 140, 180]
+
+
 @pytest.mark.parametrize(
     ("interval", "rate"),
-    [(1 / 29.9, 30), (1 / 30.1, 30), (0.5, 2), (1, 1), (2, Fraction(1, 2)), (100, Fraction(1, 60)), (0.001, 240)],
+    [
+        (1 / 29.9, 30),
+        (1 / 30.1, 30),
+        (2 / 15, Fraction(15, 2)),
+        (0.4, Fraction(5, 2)),
+        (0.5, 2),
+        (1, 1),
+        (2, Fraction(1, 2)),
+        (100, Fraction(1, 60)),
+        (0.001, 240),
+    ],
 )
-def test_rate_is_that_of_the_median_interval(run_here: Any, tmp_path: Path, interval: float, rate: Fraction) -> None:
+def test_rate_comes_from_the_median_interval(run_here: Any, tmp_path: Path, interval: float, rate: Fraction) -> None:
     images = [(number * interval, image(0, 16, 16)) for number in range(5)]
     code, printed, _ = run_here("bag", "video", write(tmp_path / "bag", *images), str(tmp_path / "out.mp4"), "--json")
     assert code == 0 and json.loads(printed)["fps"] == pytest.approx(float(rate))
@@ -140,6 +156,7 @@ def test_odd_sizes_are_padded_with_a_note(run_here: Any, tmp_path: Path) -> None
         ),
         ([(0, array_to_image(np.zeros((2, 2), np.float32), "32FC1"))], "/camera has no image that can be a frame"),
         ([(0, image(0, 2, 70_000))], "the encoder does not accept frames of 70000 x 2: "),
+        ([(0, image(0, 1, 3_000_000))], "the encoder does not accept frames of 3000000 x 1: "),
     ],
 )
 def test_video_that_cannot_be_written_fails_and_leaves_no_file(
@@ -185,6 +202,10 @@ def test_existing_files_and_other_suffixes_are_refused(run_here: Any, tmp_path: 
     (tmp_path / "out.mp4").write_bytes(b"mine")
     assert run_here("bag", "video", bag, str(tmp_path / "out.mp4"))[2].endswith("out.mp4 exists already\n")
     assert (tmp_path / "out.mp4").read_bytes() == b"mine"
+    (tmp_path / ".new.mp4").write_bytes(b"mine")
+    code, _, err = run_here("bag", "video", bag, str(tmp_path / "new.mp4"))
+    assert code == 1 and ".new.mp4 exists, perhaps of a run that goes on or was killed; remove it" in err
+    assert (tmp_path / ".new.mp4").read_bytes() == b"mine"
     code, _, err = run_here("bag", "video", bag, str(tmp_path / "out.avi"))
     assert code == 1 and err.endswith("out.avi: expected a file that ends with .mp4, .mkv, .mov\n")
 

@@ -1,4 +1,4 @@
-"""The search path of tests."""
+"""The search path of tests, and the reference compilers."""
 
 from support.rosidl_fixtures import no_installed_packages, rosidl
 

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import Node
 
+pytestmark = pytest.mark.dds  # all use the loaded library
+
 FAST_GUID = b"\x01\x0f" + bytes(10) + b"\0\0\1\xc1"
 CYCLONE_GUID = b"\x01\x10" + FAST_GUID[2:]
 REQUEST = "std_srvs::srv::dds_::SetBool_Request_"

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from support.worlds import World
 
+pytestmark = pytest.mark.dds  # all use the loaded library
+
 API = cyclone._api
 TEXT = "std_msgs::msg::dds_::String_"
 HEADER = b"\0\1\0\0"
