@@ -4,7 +4,7 @@ Run `python bench/rclpy.py --rclpy PYTHON`, where PYTHON is the interpreter of a
 tests/peers/interop_rclpy; without it, what compares with rclpy is left out. `--quick` takes a third of the time,
 `--only NAME` measures one part, `--soak SECONDS` makes the last part longer. Loopback only, a process for each end.
 Sides take turns round by round, so that both see the same machine; a ratio is the median over rounds of the ratio
-within one, and CPU is that of the whole process, all its threads, for each message. It prints a table with the targets
+within one, and CPU is the processor time of the whole process for each message. It prints a table with the targets
 beside the figures and asserts nothing. The programs are in bench/rclpy_programs, and use rclpy's names only."""
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class BagTopic:
 
     @property
     def definition_bytes(self) -> bytes:
-        """Bytes of the topic's definition: those of the MCAP schema, unless `definition` has another text."""
+        """Bytes of the topic's definition: the bytes of the MCAP schema, unless `definition` has another text."""
         data = self.schema_data
         if data is not None and data.decode(errors="replace") == self.definition:
             return data

@@ -485,7 +485,7 @@ class BagReader:
         """Return the messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
 
         An array of known length becomes a column for each element, such as ``orientation_covariance[0]``. The arguments
-        are those of `to_arrays`.
+        are the settings of `to_arrays`.
 
         Raises:
             ModuleNotFoundError: pandas is not installed.

@@ -176,7 +176,7 @@ def compose_yaml(
 ) -> yaml.Node | None:
     """Return the node tree of a YAML text, in which scalars are not converted; None for an empty text.
 
-    Scalars without a tag have the tag `UNTAGGED`, whatever they look like. With `anchors`, anchors are ignored.
+    Scalars without a tag have the tag `UNTAGGED`, also if they look like numbers. With `anchors`, anchors are ignored.
 
     Raises:
         YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.

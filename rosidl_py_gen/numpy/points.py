@@ -143,7 +143,7 @@ def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]
 
 
 def points_to_xyz(points: Any, *, skip_nans: bool = False) -> np.ndarray[Any, np.dtype[np.floating[Any]]]:
-    """Return x, y and z of structured points, such as those of `pointcloud_to_array`, with shape ``(..., 3)``.
+    """Return x, y and z of structured points, such as `pointcloud_to_array` returns, with shape ``(..., 3)``.
 
     Args:
         skip_nans: exclude points of which x, y or z is NaN; the result then has shape ``(n, 3)``.

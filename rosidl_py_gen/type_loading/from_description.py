@@ -63,7 +63,7 @@ def compile_described(
     is_service: bool = False,
     path: SearchFolders = (),
 ) -> type[Any]:
-    """Return the class of a type that type descriptions describe, such as those of another node.
+    """Return the class of a type that type descriptions describe, such as the descriptions of another node.
 
     Args:
         individuals: the description of each type alone, by name; derived messages may be missing.

@@ -376,7 +376,7 @@ class ChunkHead(NamedTuple):
 
     @classmethod
     def at(cls, read: Read, at: int) -> Self | None:
-        """Return the chunk record that starts at an offset, whatever its opcode; None if its lengths do not agree."""
+        """Return the chunk record that starts at an offset, ignoring its opcode; None if its lengths do not agree."""
         return cls.within(read(at, _MAX_HEAD), 0, at)
 
     @classmethod

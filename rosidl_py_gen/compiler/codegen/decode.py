@@ -42,7 +42,7 @@ class DecoderView(NamedTuple):
 
 
 def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
-    """Return the generated decoder of a planned message; its body is that of `_read` if the message is outlined."""
+    """Return the generated decoder of a planned message; of an outlined message, the body of `_read`."""
     first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
     with_header = not plan.outlined and isinstance(first, ir.PackedRun)
     bulk = not plan.outlined and any(isinstance(step, ir.NumberArray) for step in plan.steps)

@@ -35,7 +35,7 @@ class EncoderView(NamedTuple):
 
 
 def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
-    """Return the generated encoder of a planned message; its body is that of `_write` if the message is outlined."""
+    """Return the generated encoder of a planned message; of an outlined message, the body of `_write`."""
     collect = plan.outlined or any(isinstance(step, ir.Loop | ir.NestedCall) for step in plan.steps)
     emitter = _EncoderEmitter(api, structs, classes, collect, header=not plan.outlined)
     emitter.objects[0] = "self"

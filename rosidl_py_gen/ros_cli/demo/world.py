@@ -117,7 +117,7 @@ class World:
 
         Args:
             angles: directions of the rays in the room.
-            body: a body that the rays pass through, usually that of the sensor.
+            body: a body that the rays pass through, usually the body that carries the sensor.
         """
         origin = np.array((x, y))
         direction = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -175,7 +175,7 @@ async def _values_of(client: ParameterClient, names: Any) -> dict[str, Any]:
 
 
 def _with_type_of(value: Any, previous: Any) -> Any:
-    """Return a value from JSON with its numbers as int or float like those of the previous value of the parameter."""
+    """Return a value from JSON with numbers as int or float, as in the previous value of the parameter."""
     if isinstance(value, bool):
         return value
     if isinstance(previous, float) and isinstance(value, int):

@@ -65,7 +65,7 @@ class ClientPublishing:
         self._compiling, self._decoding = Worker(), Worker()
 
     def update_publishers(self) -> None:
-        """Create publishers for topics that viewers have advertised, and close those of withdrawn topics."""
+        """Create publishers for topics that viewers have advertised, and close publishers of withdrawn topics."""
         offers = self._server.offers.items()
         self._publishers = {key: self._publishers.get(key) or _ClientPublisher() for key in offers}
         self._tasks.update(offers)

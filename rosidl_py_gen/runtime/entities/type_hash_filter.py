@@ -1,4 +1,4 @@
-"""Check of received samples: those of a sender with another definition of the type are dropped and counted.
+"""Check of received samples: samples of a sender with another definition of the type are dropped and counted.
 
 Two definitions of one type have the same name on the wire, and decoding with the other one returns wrong values.
 Writers announce the RIHS01 hash of their definition, which is compared once per writer.

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 TypeCheck = Literal["error", "warn", "off"]
 """Treatment of messages whose sender has another definition.
 
-``error`` drops them. ``warn`` delivers those of unknown definitions, and drops those of another ROS distribution, whose
-bytes would be misread. ``off`` delivers all of them without a warning.
+``error`` drops them. ``warn`` delivers samples of unknown definitions, and drops samples of another ROS distribution,
+whose bytes would be misread. ``off`` delivers all of them without a warning.
 """
 DEFAULT_CHECK: TypeCheck = "error"
 _KINDS = {"/srv/": "service", "/action/": "action"}

@@ -1,4 +1,4 @@
-"""Compatibility of two endpoints in QoS and type, with texts for people; the texts about QoS are those of rmw."""
+"""Compatibility of two endpoints in QoS and type, with texts for people; the texts about QoS equal the texts of rmw."""
 
 from __future__ import annotations
 

@@ -234,7 +234,7 @@ def _run(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
     distro = task.options.distro
     with (
         nullcontext() if distro is None else distribution_of_command(distro),
-        warnings.catch_warnings(record=True) as caught,  # includes those of other threads of a worker
+        warnings.catch_warnings(record=True) as caught,  # includes warnings of other threads of a worker
     ):
         warnings.simplefilter("always", BagWarning)
         try:

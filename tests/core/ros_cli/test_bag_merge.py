@@ -141,7 +141,7 @@ def test_other_type_or_definition_has_a_channel_of_its_own_and_a_note(
     assert not (tmp_path / "sql").exists()
 
 
-def test_sqlite_output_has_no_unused_definition_of_a_type_with_another_one(run_here: Any, tmp_path: Path) -> None:
+def test_sqlite_output_omits_unused_definition_of_type_with_two_definitions(run_here: Any, tmp_path: Path) -> None:
     a, b = tmp_path / "a.mcap", write_strings(tmp_path / "b.mcap", ["x"])
     with a.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE)

@@ -434,7 +434,7 @@ async def test_camera_publishes_only_while_active(tool: Any, node: Node) -> None
 # ------------------------------------------------------------------------------------------------------------- options
 
 
-async def test_several_robots_have_namespaces_and_frames_of_one_tree(tool: Any, node: Node) -> None:
+async def test_robots_have_own_namespaces_and_share_one_frame_tree(tool: Any, node: Node) -> None:
     async with demo(tool, "--count", "2", "--namespace", "/lab/") as line:
         assert line.startswith("/lab/robot1/robot and /lab/robot2/robot drive in a room")
         names = {one.fully_qualified_name for one in node.get_nodes()} - {"/visitor"}

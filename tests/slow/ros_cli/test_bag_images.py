@@ -160,7 +160,7 @@ def test_damaged_part_of_the_bag_is_reported(run_here: Any, tmp_path: Path) -> N
     assert document["topics"] == [{"topic": "/a", "images": 2}] and len(document["damaged"]) == 1
 
 
-def test_other_topics_are_counted_and_selected_ones_must_have_images(run_here: Any, tmp_path: Path) -> None:
+def test_topics_without_images_are_counted_and_cannot_be_selected(run_here: Any, tmp_path: Path) -> None:
     image = array_to_image(COLOR, "rgb8")
     messages = [("/a", image), ("/b", image), ("/text", String()), ("/more", String())]
     bag = write(tmp_path / "bag", *messages)
@@ -194,7 +194,7 @@ def test_part_of_a_bag_is_selected_by_times(run_here: Any, tmp_path: Path) -> No
     assert files(tmp_path / "out") == ["a/0000000010.300000000.png", "a/0000000010.400000000.png"]
 
 
-def test_images_of_one_time_get_different_names(run_here: Any, tmp_path: Path) -> None:
+def test_images_with_equal_time_get_different_names(run_here: Any, tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", *[("/a", array_to_image(COLOR + number, "rgb8")) for number in range(3)], step_ns=0)
     assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"))[0] == 0
     names = ["a/0000000010.000000000-1.png", "a/0000000010.000000000-2.png", "a/0000000010.000000000.png"]
@@ -230,7 +230,7 @@ def test_part_without_images_is_an_error(run_here: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("topic", ["/../../evil", "..", "/a/./b", "//x//", "/a b:c*\\d", "/ü"])
-def test_files_stay_in_the_folder_whatever_the_topic(run_here: Any, tmp_path: Path, topic: str) -> None:
+def test_files_stay_in_the_folder_for_any_topic_name(run_here: Any, tmp_path: Path, topic: str) -> None:
     (tmp_path / "deep/er").mkdir(parents=True)
     bag = write(tmp_path / "deep/er/bag.mcap", (topic, array_to_image(COLOR, "rgb8")))
     out = tmp_path / "deep/er/out"

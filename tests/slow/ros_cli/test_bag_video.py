@@ -167,7 +167,7 @@ def test_video_that_cannot_be_written_fails_and_leaves_no_file(
     assert [path.name for path in tmp_path.iterdir()] == ["bag"]
 
 
-def test_images_without_colours_and_damaged_ones_are_skipped_and_counted(run_here: Any, tmp_path: Path) -> None:
+def test_damaged_images_and_images_without_colours_are_skipped_and_counted(run_here: Any, tmp_path: Path) -> None:
     depth = array_to_image(np.zeros((32, 48), np.uint16), "16UC1")
     good = even([20, 40, 60, 80, 100], 10)
     bag = write(tmp_path / "bag", *good[:2], (0.2, depth), *good[3:])

@@ -129,7 +129,7 @@ def test_wait_for_message_sync_receives_or_times_out(memory: World) -> None:
 
 
 @pytest.mark.parametrize("left", [False, True], ids=["of a previous subscription", "of a publisher that has left"])
-async def test_raw_messages_of_other_definitions_than_the_one_set_later_are_dropped(
+async def test_raw_messages_are_dropped_if_definition_set_later_differs(
     memory: World, left: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")

@@ -30,7 +30,7 @@ _INFO_DST_KIND = 0x0E
 _ACKNACK_KIND = 0x06
 _LITTLE_ENDIAN = 1
 _ENDPOINT_TOPICS = ((b"\0\0\3\xc7", b"\0\0\3\xc2"), (b"\0\0\4\xc7", b"\0\0\4\xc2"))
-"""Entity ids of the builtin reader and writer of publications, and of those of subscriptions."""
+"""Entity ids of the builtin readers and writers of publications and of subscriptions."""
 _ENDPOINT_PORT_OFFSET = 1
 """Difference between a participant's port for its endpoints and its announced discovery port."""
 _LOCATOR = re.compile(r"udp6?/\[?([0-9a-fA-F.:]+?)(?:%[^\]]*)?\]?:([0-9]{1,5})(?:@[0-9]+)?")
