@@ -166,7 +166,7 @@ def known_names() -> set[str]:
 @pytest.mark.needs("mcap")
 def test_names_in_tables_for_rclpy_users_exist() -> None:
     known = known_names()
-    found = rows(ROOT / "docs/start/from-rclpy.md")
+    found = rows(ROOT / "docs/start/rclpy-names.md")
     table = [row for row in found[found.index(["rclpy", "rosidl-py-gen"]) :] if not row[0].startswith("-")]
     assert len(table) > 65
     named = {(row[0], name) for row in table for name in NAME.findall(row[1])}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 WITH_CODE = [page for page in PAGES if blocks(page)]
 OF_NETWORKS = {
-    *("README", "diagnose", "from-rclpy", "launch", "network", "no-messages", "scripts-notebooks-guis", "zenoh"),
+    *("README", "diagnose", "from-rclpy", "launch", "network", "no-messages", "scripts", "main-loops", "zenoh"),
 }
 
 
