@@ -51,8 +51,10 @@ from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError, Serv
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.time.values import Deadline, Time, WaitTimeoutError, read_stamp, timeout_to_ns, with_reason
+from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.service_api import service_topic_keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -211,7 +213,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         super().__init__(scope, action_type, names, type_hash_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = timeout_to_ns("server_lost_timeout_s", server_lost_timeout_s)
-        self._is_available: MatchCache[bool] = MatchCache(scope.graph, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: peers discover endpoints in this order, and a server that knows the send_goal client must
         # know the feedback subscription, too. That subscription keeps all samples: all goals share its queue, and each
@@ -226,6 +227,14 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         self._send: Client[Any, Any] = Client(parts, action_type.send_goal, names.send_goal, SERVICES_DEFAULT)
         self._cancel: Client[Any, Any] = Client(parts, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT)
         self._result = ResultRequester(parts, action_type.get_result, names.get_result, lost_after_ns)
+        self._services = (self._send, self._cancel, self._result.client)
+        self._topics = (self._feedback, self._status)
+        topic_keys = [key for client in self._services for key in service_topic_keys(client.name, client.qos)]
+        topic_keys += [TopicKey.of_topic(topic.topic, topic.qos) for topic in self._topics]
+        self._servers: MatchCache[bool] = MatchCache(
+            scope.participant.endpoint_index, topic_keys, lambda _: not self._missing()
+        )
+        """True for the key None if a server is matched."""
         scope.register(self)
 
     def server_is_available(self) -> bool:
@@ -237,7 +246,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         """
         self._require_open()
         self._scope.discovery.refresh()
-        return self._is_available.get()
+        return self._is_available()
+
+    def _is_available(self) -> bool:
+        return self._servers[None]
 
     def server_is_ready(self) -> bool:
         """Return `server_is_available()`; for compatibility with rclpy."""
@@ -245,15 +257,14 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
 
     def _missing(self) -> list[str]:
         """Return the names of the action's services and topics for which no server is matched."""
-        services = (self._send, self._cancel, self._result.client)
-        missing = [client.name for client in services if not client.service_is_available()]
-        return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
+        missing = [client.name for client in self._services if not client._available()]
+        return missing + [topic.topic for topic in self._topics if not topic.publisher_count]
 
     def _why_missing(self) -> str:
-        for client in (self._send, self._cancel, self._result.client):
-            if not client.service_is_available():
+        for client in self._services:
+            if not client._available():
                 return client._why_missing(client.name.removeprefix(self.name))
-        silent = (topic for topic in (self._feedback, self._status) if not topic.publisher_count)
+        silent = (topic for topic in self._topics if not topic.publisher_count)
         return next((topic._why_unmatched() for topic in silent), "")
 
     async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
@@ -265,7 +276,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             ClosedError: the client is closed, also while waiting.
         """
         return await self._scope.wait_or_raise(
-            self._is_available.get,
+            self._is_available,
             timeout_s,
             lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
             self,
@@ -323,7 +334,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
     send_goal_sync = blocking(send_goal)
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
-        if not self._is_available.get():
+        if not self._servers[None]:
             # Raise encoding errors before waiting for a server.
             self._type.send_goal.request.encode(request)
             try:
@@ -474,4 +485,5 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         for goal in list(self._goals.values()):
             goal._on_error(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()
+        self._servers.close()
         super().close()
