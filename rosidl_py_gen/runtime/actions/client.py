@@ -91,7 +91,7 @@ class ClientGoal(Generic[ActionT_co]):
         self._cancel = cancel
         self._scope = scope
         self._status = GoalStatus.UNKNOWN
-        self._accepted_stamp: Time | None = None
+        self._accepted_stamp: SecNanosec | None = None
         self._accepted_s: float | None = None
         """Time when the acceptance arrived, by the event loop's clock; None before."""
         self._feedback: AsyncQueue[Any] = AsyncQueue(feedback_depth)
@@ -99,7 +99,7 @@ class ClientGoal(Generic[ActionT_co]):
         self._error: BaseException | None = None
         self._waiters = Waiters()
 
-    def _on_accepted(self, stamp: Time | None, now_s: float) -> None:
+    def _on_accepted(self, stamp: SecNanosec, now_s: float) -> None:
         self._accepted_stamp, self._accepted_s = stamp, now_s
         if self._status is GoalStatus.UNKNOWN:
             self._status = GoalStatus.ACCEPTED
@@ -111,7 +111,7 @@ class ClientGoal(Generic[ActionT_co]):
             self._status = status
 
     def _on_result(self, status: GoalStatus, result: object) -> None:
-        if not self.is_done:
+        if not self._has_ended():
             self._status, self._outcome = status, (status, result)
             self._feedback.close()
             self._waiters.wake()
@@ -137,11 +137,14 @@ class ClientGoal(Generic[ActionT_co]):
     @property
     def accepted_stamp(self) -> Time | None:
         """Time of acceptance by the server's clock; None if the server sent a negative time."""
-        return self._accepted_stamp
+        return None if self._accepted_stamp is None else read_stamp(self._accepted_stamp)
 
     @property
     def is_done(self) -> bool:
         """True once `result` returns or raises without waiting."""
+        return self._has_ended()
+
+    def _has_ended(self) -> bool:
         return self._outcome is not None or self._error is not None
 
     @property
@@ -169,7 +172,7 @@ class ClientGoal(Generic[ActionT_co]):
             ActionError: the server sent a result with a status that does not end a goal.
             ClosedError: the client was closed.
         """
-        if not await self._waiters.wait(lambda: self.is_done, Deadline(timeout_s).remaining_s()):
+        if not await self._waiters.wait(self._has_ended, Deadline(timeout_s).remaining_s()):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self.status.name}"
             )
@@ -308,8 +311,8 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             IncompatibleServiceError: the only servers are Fast DDS servers that cannot be used.
             ClosedError: the client is closed.
         """
-        self._require_open()
-        deadline = Deadline(timeout_s)
+        if self._closed or self._scope.closed:
+            self._require_open()
         request = self._type.cls.SendGoal.Request()
         goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
         if goal_id in self._goals:
@@ -321,10 +324,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         )
         self._goals[goal_id] = client_goal
         try:
-            response = await self._call_send_goal(request, deadline, timeout_s)
+            response = await self._call_send_goal(request, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
-            client_goal._on_accepted(read_stamp(response.stamp), self._scope.loop_binding.running_loop().time())
+            client_goal._on_accepted(response.stamp, asyncio.get_running_loop().time())
             self._request_result(client_goal)
         except BaseException:
             self._goals.pop(goal_id, None)
@@ -333,8 +336,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
 
     send_goal_sync = blocking(send_goal)
 
-    async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
+    async def _call_send_goal(self, request: Any, timeout_s: float | None) -> Any:
+        left_s = timeout_s
         if not self._servers[None]:
+            deadline = Deadline(timeout_s)
             # Raise encoding errors before waiting for a server.
             self._type.send_goal.request.encode(request)
             try:
@@ -343,8 +348,9 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
                 names = ", ".join(self._missing())
                 text = f"action {self.name}: goal not sent, because no server appeared in {timeout_s} s at {names}"
                 raise ActionTimeoutError(with_reason(text, error.reason)) from None
+            left_s = deadline.remaining_s()
         try:
-            return await self._send.call(request, deadline.remaining_s())
+            return await self._send.call(request, left_s)
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"action {self.name}: no reply to the goal in {timeout_s} s") from error
         except ServerLostError as error:

@@ -333,7 +333,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             except DecodeError as error:
                 self._fail(pending, error)
                 continue
-            if pending.on_reply(message, server) is not True:
+            if pending.on_reply(message, server) is not True and pending in self._pending:
                 self._abandon_request(pending)
 
     def _on_discovery(self, _: object) -> None:
