@@ -124,7 +124,7 @@ class _CycloneEndpoint:
         The deletion of the participant and of the domain wait for this call.
         """
         owner, domain, thread_id = self._owner, self._owner.domain, _get_thread_id()
-        # Announced before `is_deleted` and `is_closing` are read: either this call sees them, or the other thread waits.
+        # Announced before `is_deleted` and `is_closing` are read: this call sees them, or the other thread waits.
         owner.deleting.append(thread_id)
         domain.writing.append(thread_id)
         try:
