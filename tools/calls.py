@@ -20,7 +20,7 @@ import argparse
 import asyncio
 import os
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from types import FrameType
@@ -141,12 +141,11 @@ class Pair:
 
 
 @asynccontextmanager
-async def connected_pair() -> AsyncIterator[Pair]:
+async def connected_pair(domain_id: int) -> AsyncIterator[Pair]:
     """Return a `Pair` on DDS whose endpoints are matched."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.pop("CYCLONEDDS_URI", None)
-    domain = int(os.environ.get("ROS_DOMAIN_ID", _DOMAIN_ID))
-    async with Context(domain_id=domain) as context, Context(domain_id=domain) as other_context:
+    async with Context(domain_id=domain_id) as context, Context(domain_id=domain_id) as other_context:
         pair = Pair(Node("one", context=context), Node("other", context=other_context))
         await pair.wait()
         await asyncio.sleep(1.0)  # until the nodes are announced, too
@@ -165,9 +164,9 @@ OPERATIONS: dict[str, Callable[[Pair], Awaitable[Recorder]]] = {
 """Operations on a loop by name."""
 
 
-async def count(*names: str) -> dict[str, Recorder]:
+async def count(names: Iterable[str], domain_id: int) -> dict[str, Recorder]:
     """Return the calls of the operations with these names."""
-    async with connected_pair() as pair:
+    async with connected_pair(domain_id) as pair:
         return {name: await OPERATIONS[name](pair) for name in names}
 
 
@@ -175,10 +174,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*OPERATIONS, []], help="operations; default: all")
     parser.add_argument("--list", action="store_true", help="print the calls, too")
+    parser.add_argument("--domain-id", type=int, default=_DOMAIN_ID, help="DDS domain")
     arguments = parser.parse_args()
 
     async def count_selected() -> dict[str, Recorder]:
-        return await count(*(arguments.names or OPERATIONS))
+        return await count(arguments.names or OPERATIONS, arguments.domain_id)
 
     for name, recorder in run(count_selected).items():
         print(f"{name:<20}{len(recorder.calls):>5} calls in {recorder.files} files")

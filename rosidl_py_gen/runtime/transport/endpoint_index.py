@@ -151,19 +151,30 @@ class MatchCache(dict[Hashable, ResultT]):
     """Cache of results of `check` by key, until an endpoint of one of its topics appears, changes or disappears.
 
     ``cache[key]`` returns the stored result, which takes no call of Python, or else the result of a new check. Only
-    true results are stored: DDS does not report when discovered endpoints become matched, so a false result may be
+    final results are stored: DDS does not report when discovered endpoints become matched, so another result may be
     outdated a moment later.
 
     The index refers to the cache until `close`.
+
+    Args:
+        index: index of the participant.
+        topic_keys: topics on which the results depend.
+        check: returns the result for a key.
+        is_final: returns True for a result that no later match changes; by default for true results.
     """
 
     def __init__(
-        self, index: EndpointIndex, topic_keys: Iterable[TopicKey], check: Callable[[Hashable], ResultT]
+        self,
+        index: EndpointIndex,
+        topic_keys: Iterable[TopicKey],
+        check: Callable[[Hashable], ResultT],
+        is_final: Callable[[ResultT], object] = bool,
     ) -> None:
         super().__init__()
         self._index = index
         self._topic_keys = tuple(topic_keys)
         self._check = check
+        self._is_final = is_final
         self.version = 0
         """Number of changes of the topics, for results that are stored elsewhere."""
         self._lock = index.add_cache(self, self._topic_keys)
@@ -171,7 +182,7 @@ class MatchCache(dict[Hashable, ResultT]):
     def __missing__(self, key: Hashable) -> ResultT:
         version = self.version
         result = self._check(key)
-        if result:
+        if self._is_final(result):
             with self._lock:
                 if version == self.version:  # else the result of this thread may be older than the change
                     if len(self) >= _MAX_RESULTS:

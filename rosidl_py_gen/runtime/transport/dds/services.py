@@ -132,7 +132,9 @@ class DdsClient(_EndpointPair):
         """GUIDs of the endpoints of servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         cache = self._index, self._topic_keys
-        self._servers: MatchCache[ServerAvailability] = MatchCache(*cache, self._find_servers)
+        self._servers: MatchCache[ServerAvailability] = MatchCache(
+            *cache, self._find_servers, lambda servers: servers.is_available and servers.is_complete
+        )
         """Availability of servers, by the reason why Fast DDS servers cannot be used."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(*cache, self._find_server_endpoints)
         """GUIDs of all endpoints of servers, for the key None."""
@@ -146,7 +148,7 @@ class DdsClient(_EndpointPair):
         return self.endpoints[0] if self._correlation.uses_sample_identity else self._gid
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        if not self._servers:  # since then the discovered endpoints have changed, or there was no server
+        if not self._servers:  # since then the discovered endpoints have changed, or a server was not matched
             self.servers()
         number = self._sent + 1
         message, identity = self._correlation.request(data, number, always_identified=self.is_introspected)
@@ -213,7 +215,11 @@ class DdsClient(_EndpointPair):
         if unusable is not None and self._participant.services_unavailable_reason is None:
             # Because of the rules of a secured domain.
             servers = replace(servers, incompatible_server=unusable._replace(has_topics=False))
-        return servers
+        known_writers = (writer.guid for writer in self._endpoints_on(self._replies, writers=True))
+        if readers <= {*matched} and {*known_writers} <= {*matched_writers}:
+            return servers
+        # Cyclone matches an endpoint some time after its discovery. A server on Fast DDS changes the form of requests.
+        return replace(servers, is_complete=False)
 
     def close(self) -> None:
         self._close_caches(self._servers, self._server_endpoints)

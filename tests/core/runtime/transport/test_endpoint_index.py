@@ -74,6 +74,12 @@ def test_match_cache_survives_changes_of_other_topics_and_of_nodes() -> None:
     assert (cache[None], cache.version) == (3, 2)
 
 
+def test_match_cache_checks_results_again_that_are_not_final() -> None:
+    results = [1, 2, 3, 4]
+    cache = MatchCache(EndpointIndex(), [KEY], lambda _: results.pop(0), lambda result: result > 2)
+    assert [cache[None] for _ in range(4)] == [1, 2, 3, 3]
+
+
 def test_match_cache_drops_its_results_when_there_are_too_many() -> None:
     cache = MatchCache(EndpointIndex(), [KEY], lambda _: True)
     assert all(cache[number] for number in range(1500)) and len(cache) <= 1000
