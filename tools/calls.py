@@ -3,8 +3,9 @@
 Run it with ``python tools/calls.py``. Names of operations select some of them: ``python tools/calls.py service goal``.
 With ``--list`` each call of these operations is printed, too, in order.
 
-Two contexts of this process communicate on DDS, on the loopback interface, and one event loop serves both. After some
-repetitions `sys.setprofile` counts the calls during one operation, at both ends:
+Two contexts of this process communicate on DDS, on the loopback interface, and one event loop serves both. In addition,
+`definition` compiles one .msg, and `spin_once` is rclpy's with one message. After some repetitions `sys.setprofile`
+counts the calls during one operation, at both ends:
 
 - calls: functions, comprehensions, and continued coroutines and generators of `rosidl_py_gen`. Functions in C, of the
   standard library, of generated messages and of this program do not count.
@@ -20,7 +21,8 @@ import argparse
 import asyncio
 import os
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from types import FrameType
@@ -29,7 +31,13 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from rosidl_py_gen import get_action, get_message, get_service  # noqa: E402
+from rosidl_py_gen import (  # noqa: E402
+    compile_definition,
+    get_action,
+    get_message,
+    get_service,
+    install_import_hook,
+)
 from rosidl_py_gen.runtime import Context, Node, run  # noqa: E402
 
 _PACKAGE = f"{ROOT / 'rosidl_py_gen'}{os.sep}"
@@ -40,6 +48,8 @@ _MEASUREMENTS = 5
 _SETTLE_S = 0.05
 """Time between two operations, in which acknowledgements and status messages of the previous one arrive."""
 _TIMEOUT_S = 10.0
+_DEFINITION = "definition"
+_SPIN_ONCE = "spin_once"
 
 Operation = Callable[[], Awaitable[object]]
 
@@ -143,8 +153,6 @@ class Pair:
 @asynccontextmanager
 async def connected_pair(domain_id: int) -> AsyncIterator[Pair]:
     """Return a `Pair` on DDS whose endpoints are matched."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.pop("CYCLONEDDS_URI", None)
     async with Context(domain_id=domain_id) as context, Context(domain_id=domain_id) as other_context:
         pair = Pair(Node("one", context=context), Node("other", context=other_context))
         await pair.wait()
@@ -161,26 +169,66 @@ OPERATIONS: dict[str, Callable[[Pair], Awaitable[Recorder]]] = {
     "parameter": lambda pair: measure(pair.set_parameter),
     "remote parameter": lambda pair: measure(pair.set_remote_parameter),
 }
-"""Operations on a loop by name."""
+"""Operations on an event loop by name."""
 
 
 async def count(names: Iterable[str], domain_id: int) -> dict[str, Recorder]:
-    """Return the calls of the operations with these names."""
+    """Return the calls of operations on an event loop."""
     async with connected_pair(domain_id) as pair:
         return {name: await OPERATIONS[name](pair) for name in names}
 
 
+def compile_message(number: int) -> Recorder:
+    """Return the calls of compiling one definition of a message."""
+    with Recorder() as recorder:
+        compile_definition(f"calls/msg/Message{number}", "float64 x\nstring name\nint32[] values\n")
+    return recorder
+
+
+def spin_once(domain_id: int) -> Recorder:
+    """Return the calls of rclpy's `spin_once` with one message for a callback."""
+    for name in [name for name in sys.modules if name.startswith("std_msgs")]:
+        del sys.modules[name]  # imported with the other API
+    install_import_hook(message_api="rclpy", override_installed=True)
+    import rclpy
+    from std_msgs.msg import String
+
+    results = []
+    rclpy.init(domain_id=domain_id)
+    node = rclpy.create_node("one")
+    publisher = node.create_publisher(String, "chatter", 10)
+    node.create_subscription(String, "chatter", lambda _: None, 10)
+    for _ in range(_WARM_UP + _MEASUREMENTS):
+        publisher.publish(String(data="hello"))
+        time.sleep(_SETTLE_S)
+        with Recorder() as recorder:
+            rclpy.spin_once(node, timeout_sec=_TIMEOUT_S)
+        results.append(recorder)
+    rclpy.shutdown()
+    return min(results[_WARM_UP:], key=lambda one: len(one.calls))
+
+
+def count_all(names: Collection[str], domain_id: int) -> dict[str, Recorder]:
+    """Return the calls of the operations with these names."""
+    on_loop = [name for name in names if name in OPERATIONS]
+    counts: dict[str, Recorder] = run(lambda: count(on_loop, domain_id)) if on_loop else {}
+    if _DEFINITION in names:
+        counts[_DEFINITION] = [compile_message(number) for number in range(_WARM_UP)][-1]
+    if _SPIN_ONCE in names:
+        counts[_SPIN_ONCE] = spin_once(domain_id)
+    return counts
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[*OPERATIONS, []], help="operations; default: all")
+    every = (*OPERATIONS, _DEFINITION, _SPIN_ONCE)
+    parser.add_argument("names", nargs="*", choices=[*every, []], metavar="NAME", help=f"of: {', '.join(every)}")
     parser.add_argument("--list", action="store_true", help="print the calls, too")
     parser.add_argument("--domain-id", type=int, default=_DOMAIN_ID, help="DDS domain")
     arguments = parser.parse_args()
-
-    async def count_selected() -> dict[str, Recorder]:
-        return await count(arguments.names or OPERATIONS, arguments.domain_id)
-
-    for name, recorder in run(count_selected).items():
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.pop("CYCLONEDDS_URI", None)
+    for name, recorder in count_all(arguments.names or every, arguments.domain_id).items():
         print(f"{name:<20}{len(recorder.calls):>5} calls in {recorder.files} files")
         for call in recorder.calls if arguments.list else ():
             print(f"    {call}")

@@ -143,6 +143,7 @@ class Graph:
         self.endpoints = index.endpoints
         """Discovered endpoints by GUID."""
         self.endpoints_on = index.endpoints_on
+        """`EndpointIndex.endpoints_on`."""
 
     @property
     def version(self) -> int:
