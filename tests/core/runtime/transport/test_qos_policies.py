@@ -1,6 +1,6 @@
 """Each policy of `QoSProfile` has a row in `POLICIES`, and a form in both middlewares and in bags.
 
-A new policy fails here for each place that does not have it; test_qos_policies.py in tests/slow/ros_compat is about rclpy.
+A new policy fails here for each place that does not have it; tests/slow/ros_compat/test_qos_policies.py is about rclpy.
 """
 
 from __future__ import annotations
