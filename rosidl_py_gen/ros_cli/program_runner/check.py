@@ -99,6 +99,11 @@ class _OwnModules:
         spec = self._spec(module)
         return None if spec is None or not (spec.origin or "").endswith(".py") else Path(str(spec.origin))
 
+    def owner_without(self, module: str) -> Path | None:
+        """Return the file of the top-level package if the package is here and does not have the module, else None."""
+        top, _, below = module.partition(".")
+        return self.file(top) if below and self._spec(module) is None else None
+
     def _spec(self, module: str) -> ModuleSpec | None:
         top, *rest = module.split(".")
         spec = PathFinder.find_spec(top, sys.path[:1])
@@ -211,6 +216,8 @@ class _FileChecker:
             self._own_imports.append((own, one.module))
             if one.name is not None and (submodule := self._modules.file(f"{one.module}.{one.name}")) is not None:
                 self._own_imports.append((submodule, f"{one.module}.{one.name}"))
+        elif one.is_required and (owner := self._modules.owner_without(one.module)) is not None:
+            self._add(one.line, f"no module {one.module} in {display_path(owner.parent)}")
         elif top not in sys.stdlib_module_names and not _is_installed(top) and one.is_required:
             is_message_package = one.module.partition(".")[2].partition(".")[0] in KINDS
             hint = did_you_mean(top, found_packages()) if is_message_package else ""

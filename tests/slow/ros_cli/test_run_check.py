@@ -199,6 +199,30 @@ def test_modules_that_packages_install_from_elsewhere_are_found_and_checked(tmp_
     assert last == "3 missing in 4 files"
 
 
+def test_missing_modules_of_workspace_packages_are_reported(tmp_path: Path) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/talk.py": """
+            from .one import main
+            from .built import X
+            import talker.parts.more
+            try:
+                from .perhaps import X
+            except ImportError:
+                X = None
+        """,
+        "src/talker/talker/one.py": "def main(): pass",
+    }
+    write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+    *lines, _ = run("--check", "talker", "talk", cwd=tmp_path).stdout.splitlines()
+    assert lines == [
+        "src/talker/talker/talk.py:3: no module talker.built in src/talker/talker",
+        "src/talker/talker/talk.py:4: no module talker.parts.more in src/talker/talker",
+    ]
+
+
 def test_missing_module_of_console_script_is_an_error(tmp_path: Path) -> None:
     files = {
         "src/talker/package.xml": PACKAGE_XML.format("talker"),
