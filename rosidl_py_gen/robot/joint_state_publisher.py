@@ -15,7 +15,7 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, Mimic, parse_urdf, read_description, resolve_mimics
-from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime import Context, Node, get_logger
 
 NAME = "joint_state_publisher"
 _KINDS = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
@@ -185,3 +185,12 @@ class JointStatePublisher:
 def main() -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
     return serve(NAME, JointStatePublisher)
+
+
+def main_without_window() -> int:
+    """Run the node for the executable joint_state_publisher_gui, after a note that it has no window."""
+    get_logger(NAME).info(
+        "joint_state_publisher_gui: rosidl-py-gen has no window with sliders; running joint_state_publisher instead, "
+        "which takes positions from the parameter zeros and the topics of source_list"
+    )
+    return main()

@@ -16,8 +16,10 @@ from support.worlds import World
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.robot import joint_state_publisher
 from rosidl_py_gen.robot.joint_state_publisher import JointStatePublisher
 from rosidl_py_gen.robot.node_program import ProgramError
+from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.runtime import Context, Durability, ParameterError, QoSProfile, Time
 
 JointState: Any = get_message("sensor_msgs/msg/JointState")
@@ -203,6 +205,16 @@ async def test_wrong_parameters_of_joint_state_publisher_are_refused(
     with pytest.raises((ProgramError, ParameterError)) as caught:
         Rig(memory, robot_description=CHAIN, **parameters)
     assert error in str(caught.value)
+
+
+def test_joint_state_publisher_gui_runs_without_window_after_a_note(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(joint_state_publisher, "main", lambda: 7)
+    (program,) = executables.of_bundled("joint_state_publisher_gui").values()
+    assert (program.name, program.module) == ("joint_state_publisher_gui", joint_state_publisher.__name__)
+    assert getattr(joint_state_publisher, str(program.function))() == 7
+    assert "has no window with sliders; running joint_state_publisher instead" in caplog.text
 
 
 @pytest.mark.slow
