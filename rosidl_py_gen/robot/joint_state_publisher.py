@@ -15,7 +15,7 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, Mimic, parse_urdf, read_description, resolve_mimics
-from rosidl_py_gen.runtime import Context, Node, get_logger
+from rosidl_py_gen.runtime import Context, Node
 
 NAME = "joint_state_publisher"
 _KINDS = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
@@ -188,9 +188,15 @@ def main() -> int:
 
 
 def main_without_window() -> int:
-    """Run the node for the executable joint_state_publisher_gui, after a note that it has no window."""
-    get_logger(NAME).info(
+    """Run the node for the executable joint_state_publisher_gui, as `main`; log a note that it has no window."""
+    return serve(NAME, create_without_window)
+
+
+def create_without_window(*, context: Context | None = None) -> JointStatePublisher:
+    """Return a `JointStatePublisher` that has logged why there is no window."""
+    publisher = JointStatePublisher(context=context)
+    publisher.node.logger.info(
         "joint_state_publisher_gui: rosidl-py-gen has no window with sliders; running joint_state_publisher instead, "
         "which takes positions from the parameter zeros and the topics of source_list"
     )
-    return main()
+    return publisher

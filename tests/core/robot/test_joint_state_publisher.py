@@ -207,13 +207,14 @@ async def test_wrong_parameters_of_joint_state_publisher_are_refused(
     assert error in str(caught.value)
 
 
-def test_joint_state_publisher_gui_runs_without_window_after_a_note(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+async def test_joint_state_publisher_gui_runs_without_window_after_a_note(
+    memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(joint_state_publisher, "main", lambda: 7)
     (program,) = executables.of_bundled("joint_state_publisher_gui").values()
-    assert (program.name, program.module) == ("joint_state_publisher_gui", joint_state_publisher.__name__)
-    assert getattr(joint_state_publisher, str(program.function))() == 7
+    assert (program.module, program.function) == (joint_state_publisher.__name__, "main_without_window")
+    context = Context(transport=memory.transport, args=["test"])
+    memory.contexts.append(context)
+    assert joint_state_publisher.create_without_window(context=context).node.name == "joint_state_publisher"
     assert "has no window with sliders; running joint_state_publisher instead" in caplog.text
 
 
