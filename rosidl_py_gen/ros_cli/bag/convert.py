@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from contextlib import contextmanager
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -80,6 +81,7 @@ def convert(
         for line in omission_lines(omitted):
             terminal_output.note(line)
         terminal_output.line(f"{pluralize(count, 'message')} of {pluralize(len(part.topics), 'topic')} in {output}")
+        terminal_output.next_step("rosidl-py bag info", quote(output))
     return DAMAGED if reader.damaged else 0
 
 

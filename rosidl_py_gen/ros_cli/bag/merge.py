@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from decimal import Decimal
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
@@ -101,6 +102,7 @@ def merge(
             terminal_output.note(line)
         counts = f"{pluralize(count, 'message')} of {pluralize(topics, 'topic')}"
         terminal_output.line(f"{counts} of {pluralize(len(bags), 'bag')} in {output}")
+        terminal_output.next_step("rosidl-py bag info", quote(output))
     return DAMAGED if damaged else 0
 
 

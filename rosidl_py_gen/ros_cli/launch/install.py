@@ -119,6 +119,8 @@ def install(names: Sequence[str], clones: Sequence[str]) -> None:
             terminal_output.line(origin.text)
         _install_requirements(installer)
         _install_messages([name for name in _messages(chosen) if name in sources], sources)
+    if not names:
+        terminal_output.next_step("rosidl-py launch PACKAGE FILE")
 
 
 def _messages(names: Iterable[str]) -> dict[str, str]:

@@ -53,4 +53,5 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
         terminal_output.line(f"{display_path(made.folder)}: {pluralize(len(made.packages), 'package')}, {changes}")
         if is_changed and made.skipped:
             terminal_output.lines(("C++ code is not built:", *(f"  {one.text}" for one in made.skipped)))
+        terminal_output.next_step("source", quote(display_path(made.folder / "setup.bash")))
     return int(bool(made.problems))

@@ -10,6 +10,7 @@ import asyncio
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from functools import partial
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
@@ -338,3 +339,4 @@ def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -
         dropped = received
     if dropped:
         terminal_output.note(f"dropped {pluralize(dropped, 'message')}: more arrived than could be written")
+    terminal_output.next_step("rosidl-py bag info", quote(str(writer.path)))

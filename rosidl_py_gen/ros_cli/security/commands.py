@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import contextmanager
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
@@ -64,6 +65,8 @@ def create_keystore(root: Path, as_json: bool) -> None:
     text = f"created keystore {root} for domain {domain_id}, valid until {end:%Y-%m-%d}"
     row = {"keystore": str(root), "domain_id": domain_id, "valid_until": end.isoformat()}
     terminal_output.result([text], as_json, row)
+    if not as_json:
+        terminal_output.next_step("rosidl-py security create_enclave", quote(str(root)), "/NODE")
 
 
 @click.command("create_enclave")

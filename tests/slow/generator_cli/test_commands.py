@@ -144,10 +144,10 @@ def test_invalid_names_and_paths_are_reported_without_traceback(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("--nonsense",), "No such option"),
-        (("interface",), "Missing argument"),
+        (("--nonsense",), "error: rosidl-py-gen: no option --nonsense\nhint: expected `rosidl-py-gen "),
+        (("interface",), "error: rosidl-py-gen interface: missing NAME\n"),
         (("std_msgs",), "--filter std_msgs"),
-        (("--path",), "requires an argument"),
+        (("--path",), "error: --path requires an argument\n"),
         (("--out", "x", "interface", "std_msgs/msg/String"), "--out has no meaning for the command interface"),
         (("--check", "interface", "std_msgs/msg/String"), "--check has no meaning for the command interface"),
         (("--list", "interface", "std_msgs/msg/String"), "--list has no meaning for the command interface"),

@@ -268,7 +268,7 @@ ERRORS = {
     "and AMENT_PREFIX_PATH",
     ("nowhere/x.launch.py",): "nowhere/x.launch.py: expected a launch file, no such file",
     ("src/robot/launch/",): "src/robot/launch/: expected a launch file, it is a folder",
-    ("robot", "robot.launch.py", "name=x"): 'error: expected NAME:=VALUE, found "name=x"',
+    ("robot", "robot.launch.py", "name=x"): 'error: rosidl-py launch: expected NAME:=VALUE, found "name=x"\n',
     ("robot", "robot.launch.py", "--launch-prefix-filter", "x"): "--launch-prefix-filter requires --launch-prefix",
 }
 
@@ -277,7 +277,7 @@ ERRORS = {
 def test_launch_errors_name_location_and_fix(workspace: Path, words: tuple[str, ...]) -> None:
     done = _launch(workspace, *words)
     assert ERRORS[words] in done.stderr
-    assert done.returncode == (2 if "Usage:" in done.stderr else 1)
+    assert done.returncode == (2 if "hint: expected `rosidl-py launch " in done.stderr else 1)
     assert "Traceback" not in done.stderr
 
 
