@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
 from rosidl_py_gen.generator_cli.diagnostics_output import (
@@ -477,6 +478,8 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
         return
     for one in built:
         echo(str(one.path))
+    if built:
+        print_next_step("pip install", shlex.quote(f"{out}/") + "*.whl")
     made = {"rosidl-py-gen", *(one.package for one in built)}
     required = {text for one in built for text in one.requires}
     if missing := sorted(text for text in required if re.split("[=>]", text)[0] not in made):

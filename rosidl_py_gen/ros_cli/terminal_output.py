@@ -157,12 +157,6 @@ def note_once(text: str) -> None:
     note(text)
 
 
-def next_step(*words: str) -> None:
-    """Print a command that users probably call next, after ``next:`` on standard error; only on a terminal."""
-    if sys.stdout.isatty() and sys.stderr.isatty():
-        note(f"next: {' '.join(words)}")
-
-
 def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
     """Print rows of a list command: their names, number or JSON. Each row has ``name`` and ``types``."""
     if as_json:

@@ -28,6 +28,7 @@ from rosidl_py_gen.base.message_packages import branch_of
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.python_packages import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, repository_of
 from rosidl_py_gen.base.resources import extra_requirements
+from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.frontend.workspace import Workspace
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
@@ -120,7 +121,7 @@ def install(names: Sequence[str], clones: Sequence[str]) -> None:
         _install_requirements(installer)
         _install_messages([name for name in _messages(chosen) if name in sources], sources)
     if not names:
-        terminal_output.next_step("rosidl-py launch PACKAGE FILE")
+        print_next_step("rosidl-py launch PACKAGE FILE")
 
 
 def _messages(names: Iterable[str]) -> dict[str, str]:

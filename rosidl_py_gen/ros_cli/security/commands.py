@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def create_keystore(root: Path, as_json: bool) -> None:
     row = {"keystore": str(root), "domain_id": domain_id, "valid_until": end.isoformat()}
     terminal_output.result([text], as_json, row)
     if not as_json:
-        terminal_output.next_step("rosidl-py security create_enclave", quote(str(root)), "/NODE")
+        print_next_step("rosidl-py security create_enclave", quote(str(root)), "/NODE")
 
 
 @click.command("create_enclave")

@@ -11,7 +11,7 @@ import click
 import pytest
 
 from rosidl_py_gen import generator_cli, ros_cli
-from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.ros_cli.groups import COMMANDS
 
 if TYPE_CHECKING:
@@ -134,5 +134,5 @@ def test_next_step_is_printed_on_a_terminal_only(
 ) -> None:
     for stream, is_terminal in zip((sys.stdout, sys.stderr), terminals, strict=True):
         monkeypatch.setattr(stream, "isatty", lambda found=is_terminal: found)
-    terminal_output.next_step("rosidl-py bag info", "drive")
+    print_next_step("rosidl-py bag info", "drive")
     assert capsys.readouterr() == ("", text)
