@@ -98,11 +98,11 @@ def test_definition_errors_have_line_and_caret_and_no_files_are_written(shell: S
     answer = shell("--path", str(folder), "--filter", "a_msgs")
     assert (answer.code, answer.out, shell.written()) == (1, "", before)
     assert answer.err.splitlines() == [
-        'src/a_msgs/msg/Bad.msg:2:9: "Wrong" is not a field name; expected lower case letters, digits and single '
-        "underscores, a letter first, no underscore last",
+        'error: src/a_msgs/msg/Bad.msg:2:9: "Wrong" is not a field name; expected lower case letters, digits and '
+        "single underscores, a letter first, no underscore last",
         "    float64 Wrong 3",
         "            ^",
-        'src/a_msgs/msg/Worse.msg:1:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
+        'error: src/a_msgs/msg/Worse.msg:1:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
         "    std_msgs/Heder header",
         "    ^",
         "2 problems; nothing was written (--keep-going generates the valid interfaces)",
