@@ -164,7 +164,7 @@ async def test_source_topics_set_the_values_of_joints(memory: World, caplog: Any
     state = await rig.state()
     assert state["lift"] == (2.5, 0, 0) and state["turn"] == (0, 3, 4) and math.isnan(state["bend"][0])
     assert state["first"] == (-2.5, 0, 0)
-    assert "message of a source: position ignored, which has 1 values for 2 names" in caplog.text
+    assert "message of a source: position ignored, which has 1 value for 2 names" in caplog.text
 
 
 async def test_joints_move_between_their_limits_or_rotate_continuously(memory: World) -> None:
