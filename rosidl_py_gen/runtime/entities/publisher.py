@@ -167,7 +167,7 @@ class Publisher(Entity, Generic[T]):
         return await self._scope.wait_or_raise(
             lambda: self.subscription_count >= count,
             timeout_s,
-            lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
+            lambda: f"{pluralize(self.subscription_count, 'subscription')} on {self.topic}, expected at least {count},",
             self,
             why=self._why_unmatched,
         )
