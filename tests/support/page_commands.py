@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 _NOT_TYPED = [
-    (r"(uv )?pip install|uv (add|venv)|python3 -m venv|\. \.venv/|L=git\+", "changes the environment of the tests"),
+    (r"(uv )?pip install|uv (add|venv)|python3 -m venv|\. \.venv/", "changes the environment of the tests"),
     (r"rosidl-py-gen --install", "the tests have generated message packages"),
     (
         r"sudo |docker |ssh |git clone|twine |python -m http\.server --bind",
