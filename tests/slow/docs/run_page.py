@@ -32,6 +32,9 @@ from support.markdown_pages import Block, blocks
 from support.page_commands import reason_not_to_type, typed
 
 TIMEOUT_S = float(os.environ.get("PAGE_TIMEOUT_S", "30"))
+"""Seconds that a command may take, or an output may need to appear."""
+PAGE_LIMIT_S = 200.0
+"""After this the page is given up and its processes are killed, before `run_page` of conftest.py gives up."""
 _UNTIL_CTRL_C, _LEAVE_RUNNING = "# until Ctrl-C", "# leave it running"
 _PROGRAM = re.compile(r"^(?:run|spin)\(|_sync\(|LoopRunner\(|install_import_hook\(", re.MULTILINE)
 _TABS = {"asyncio": "python", "Blocking": "python", "rclpy": "rosidl-py run"}
@@ -241,7 +244,7 @@ async def main(page: Page) -> None:
     """Run it with a stand-in for the output."""
     sys.path.insert(0, os.getcwd())
     with contextlib.redirect_stdout(Tee(page)):
-        await page.run()
+        await asyncio.wait_for(page.run(), PAGE_LIMIT_S)
 
 
 if __name__ == "__main__":
