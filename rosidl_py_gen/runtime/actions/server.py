@@ -82,9 +82,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         ServiceServer(parts, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT)
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
         readiness = FeedbackReadiness(parts, self._send_goal, self._goals.feedback)
-        self._runner = (
-            None if execute is None else ExecuteFunction(parts, self.name, execute, readiness, self._goals.complete)
-        )
+        self._runner = None if execute is None else ExecuteFunction(parts, self.name, execute, readiness, self._goals)
         scope.register(self)
 
     def _run(self, goal: ServerGoal[Any]) -> None:
@@ -176,7 +174,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
 
     async def _may_cancel(self, goal_id: bytes) -> bool:
         goal = self._goals.active.get(goal_id)
-        if goal is None:  # it has just ended; `answer_cancel` handles that
+        if goal is None:  # it has just ended; `GoalTable.cancel_code` handles that
             return False
         if self._cancels is None and isinstance(self._cancel_callback, bool):
             return self._cancel_callback
