@@ -238,7 +238,11 @@ class FeedbackReadiness:
 
 
 class ExecuteFunction:
-    """Execute function (user's function that executes a goal) of one action server, with its running calls."""
+    """Execute function (user's function that executes a goal) of one action server, with its running calls.
+
+    Args:
+        complete: `ServerGoals.complete`, which gets the returned results.
+    """
 
     def __init__(
         self,
@@ -246,10 +250,10 @@ class ExecuteFunction:
         action: str,
         execute: Callable[..., Any],
         readiness: FeedbackReadiness,
-        goals: ServerGoals,
+        complete: Callable[..., bool],
     ) -> None:
         self._scope = scope
-        self._goals = goals
+        self._complete = complete
         self._action = action
         self._execute = execute
         self._is_async = is_async(execute)
@@ -269,7 +273,7 @@ class ExecuteFunction:
         if goal.is_active:
             goal.abort()
         else:
-            self._goals.complete(goal, None, failed=True)
+            self._complete(goal, None, failed=True)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
         goal._record.executed_by = current_task_or_thread()
@@ -300,13 +304,13 @@ class ExecuteFunction:
         if self._scope.closed:
             return
         if not goal.is_active:
-            if not self._goals.complete(goal, result):
+            if not self._complete(goal, result):
                 self._scope.logger.warning(
                     f"execute function of action {self._action}: its result for goal {goal.goal_id.hex()} is ignored, "
                     "because the goal had ended with another result"
                 )
         elif result is not None:
-            self._goals.finish(goal.goal_id, self._goals.table.rules.event_on_return, result)
+            goal.succeed(result)
         else:
             self._scope.logger.warning(
                 f"execute function of action {self._action}: returned without ending goal {goal.goal_id.hex()}; the "

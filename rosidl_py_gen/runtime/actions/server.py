@@ -82,7 +82,9 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         ServiceServer(parts, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT)
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
         readiness = FeedbackReadiness(parts, self._send_goal, self._goals.feedback)
-        self._runner = None if execute is None else ExecuteFunction(parts, self.name, execute, readiness, self._goals)
+        self._runner = (
+            None if execute is None else ExecuteFunction(parts, self.name, execute, readiness, self._goals.complete)
+        )
         scope.register(self)
 
     def _run(self, goal: ServerGoal[Any]) -> None:

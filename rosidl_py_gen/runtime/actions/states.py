@@ -175,24 +175,22 @@ class CancelCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class GoalRules:
-    """Rules that differ between the action servers of this package and of rclpy.
+    """Rules of a `GoalTable` that differ between the action servers of this package and of rclpy.
 
     The two servers also call callbacks in different ways, which docs/internals/architecture.md lists.
 
     Attributes:
         code_of_refusal: return code of a cancel request if the program refuses every goal that can still be cancelled.
         code_of_ended_goal: return code of a cancel request for one goal that ends while the program decides.
-        event_on_return: event that ends a goal whose execute function returns a result without ending the goal.
     """
 
     code_of_refusal: CancelCode
     code_of_ended_goal: CancelCode
-    event_on_return: GoalEvent
 
 
-RULES = GoalRules(CancelCode.REJECTED, CancelCode.GOAL_TERMINATED, GoalEvent.SUCCEED)
+RULES = GoalRules(CancelCode.REJECTED, CancelCode.GOAL_TERMINATED)
 """Rules of `ActionServer`: as in rclcpp, a client learns that a cancel request had no effect."""
-RCLPY_RULES = GoalRules(CancelCode.NONE, CancelCode.NONE, GoalEvent.ABORT)
+RCLPY_RULES = GoalRules(CancelCode.NONE, CancelCode.NONE)
 """Rules of rclpy's `ActionServer`: rclpy replies 0 with an empty list, which a client takes for success."""
 
 
