@@ -401,6 +401,10 @@ class ActionServer(ActionWaitable):
             loop.call_soon_threadsafe(loop.call_later, max(delay_ns / 10**9, 0.0) + 0.001, wake)
             self._rosidl_has_expiry_timer = True
 
+    def _rosidl_on_expiry_timer(self) -> None:
+        self._rosidl_has_expiry_timer = False
+        self._rosidl_endpoints.context.notify()
+
     def _rosidl_retain(self, goal: ServerGoalHandle) -> None:
         """Start the result timeout of a goal that has ended, unless its execute callback still runs."""
         now_ns = self._rosidl_now_ns()
@@ -509,5 +513,4 @@ def _wake_for_expiry(reference: weakref.ref[ActionServer]) -> None:
     """Make executors check an action server for expired results. Thread: loop."""
     server = reference()
     if server is not None:
-        server._rosidl_has_expiry_timer = False
-        server._rosidl_endpoints.context.notify()
+        server._rosidl_on_expiry_timer()
