@@ -35,7 +35,6 @@ SHARED_IN_RUNTIME = {
     "_scope",
     "_core",
     "_end_wait",
-    "_record",
     "_start_request",
     "_abandon_request",
     "_servers",
@@ -52,11 +51,6 @@ SHARED_IN_RUNTIME = {
 }
 # The same for bags: what readers and writers have for copies, which keep every record, and users do not see.
 SHARED_IN_BAGS = {
-    "_files",
-    "_metadata",
-    "_stored_channels",
-    "_read_unindexed",
-    "_messages_as_stored",
     "_inherit",
     "_omitted",
     "_statistics",
