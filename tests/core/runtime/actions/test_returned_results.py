@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from fibonacci_action import Fibonacci, goal, pair, result
+from fibonacci_action import Fibonacci, goal, pair, result, retained_goal_count
 from support.waiting import until
 from support.worlds import World
 
@@ -172,4 +172,4 @@ async def test_result_timeout_starts_when_handler_returns(world: World) -> None:
     may_continue.set()
     got = [await handle.result(timeout_s=5) for handle in handles]
     assert [(status, list(answer.sequence)) for status, answer in got] == [(S.SUCCEEDED, [9]), (S.ABORTED, [])]
-    await until(lambda: len(server._goals.table) == 0)
+    await until(lambda: retained_goal_count(server) == 0)
