@@ -21,13 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.waiters import set_result_if_pending
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.actions.server_goal import (
-    FINISHED,
-    GoalResult,
-    ServerGoal,
-    current_task_or_thread,
-    record_of,
-)
+from rosidl_py_gen.runtime.actions.server_goal import FINISHED, GoalResult, ServerGoal, current_task_or_thread
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.entities.server import AlreadyRespondedError
@@ -273,7 +267,7 @@ class ExecuteFunction:
             task.add_done_callback(lambda _: self._on_end(goal))
 
     def _on_end(self, goal: ServerGoal[Any]) -> None:
-        record_of(goal).executed_by = None
+        goal._record.executed_by = None
         if self._scope.closed:
             return
         if goal.is_active:
@@ -282,7 +276,7 @@ class ExecuteFunction:
             self._complete(goal, None, failed=True)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
-        record_of(goal).executed_by = current_task_or_thread()
+        goal._record.executed_by = current_task_or_thread()
         try:
             if not self._readiness.is_satisfied():
                 await self._readiness.wait()
@@ -294,15 +288,15 @@ class ExecuteFunction:
 
     async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
         def execute() -> Any:
-            record_of(goal).executed_by = current_task_or_thread()
+            goal._record.executed_by = current_task_or_thread()
             return self._execute(goal)
 
         try:
             result = await in_thread(f"execute {self._action}", execute)
-            record_of(goal).executed_by = current_task_or_thread()
+            goal._record.executed_by = current_task_or_thread()
             return await result if inspect.isawaitable(result) else result
         except asyncio.CancelledError:
-            record_of(goal).request_cancel()  # the function may still run in its thread
+            goal._record.request_cancel()  # the function may still run in its thread
             raise
 
     def _on_return(self, goal: ServerGoal[Any], value: object) -> None:

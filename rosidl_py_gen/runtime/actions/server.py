@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.actions.goal_callbacks import (
     GoalRequest,
     request_decision,
 )
-from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals, record_of
+from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionEntity, ActionT_co, goal_id_of, server_callbacks, set_goal_id
 from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
@@ -181,8 +181,8 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         if self._cancels is None and isinstance(self._cancel_callback, bool):
             return self._cancel_callback
         reply: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        record_of(goal).cancel_replies.add(reply)
-        reply.add_done_callback(record_of(goal).cancel_replies.discard)
+        goal._record.cancel_replies.add(reply)
+        reply.add_done_callback(goal._record.cancel_replies.discard)
         if self._cancels is not None:
             self._cancels._push(CancelRequest(goal, reply))
         elif isinstance(self._cancel_callback, UserCallback):
@@ -195,7 +195,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         self._goals.expire()
         goal_id = goal_id_of(request)
         goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
-        return record_of(goal).wait_result() if goal is not None else self._goals.table.result(goal_id) or self._unknown
+        return goal._record.wait_result() if goal is not None else self._goals.table.result(goal_id) or self._unknown
 
     def _described(self) -> str:
         return f"action {self.name}"

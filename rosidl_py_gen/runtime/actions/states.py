@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from itertools import islice, takewhile
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -296,12 +295,12 @@ class GoalTable(Generic[ResultT]):
         goal = self._goals.get(goal_id)
         if goal is None:
             return
-        assert goal.status.is_terminal, "the goal has not ended"
+        assert goal.status >= GoalStatus.SUCCEEDED, "the goal has not ended"
         goal.result = result
         if failed:
             goal.status = GoalStatus.ABORTED
             self._rows.set_status(goal_id, goal.status)
-        if any(retained_ns > now_ns for retained_ns in islice(reversed(self._retained_ns.values()), 1)):
+        if next(reversed(self._retained_ns.values()), now_ns) > now_ns:
             # The clock has jumped back: results must not be retained until it has caught up.
             self._retained_ns = {key: min(retained_ns, now_ns) for key, retained_ns in self._retained_ns.items()}
         self._retained_ns.setdefault(goal_id, now_ns)
@@ -348,11 +347,16 @@ class GoalTable(Generic[ResultT]):
 
     def expire(self, now_ns: int) -> list[bytes]:
         """Remove finished goals whose result timeout is over; return their ids."""
-        times = self._retained_ns
-        expired = list(takewhile(lambda goal_id: self._has_expired(times[goal_id], now_ns), times))
+        timeout_ns, expired = self.result_timeout_ns, []
+        if timeout_ns is not None:
+            for goal_id, retained_ns in self._retained_ns.items():
+                if 0 < timeout_ns >= now_ns - retained_ns:
+                    break  # all others are retained since a later time
+                expired.append(goal_id)
         for goal_id in expired:
-            del self._goals[goal_id], times[goal_id]
-        self._rows.remove(expired)
+            del self._goals[goal_id], self._retained_ns[goal_id]
+        if expired:
+            self._rows.remove(expired)
         return expired
 
     def remove(self, goal_id: bytes) -> None:
@@ -368,10 +372,6 @@ class GoalTable(Generic[ResultT]):
         for retained_ns in self._retained_ns.values():
             return retained_ns + max(self.result_timeout_ns, 0) + 1
         return None
-
-    def _has_expired(self, retained_ns: int, now_ns: int) -> bool:
-        timeout_ns = self.result_timeout_ns
-        return timeout_ns is not None and (timeout_ns <= 0 or now_ns - retained_ns > timeout_ns)
 
 
 _ROW = struct.Struct("<16s3xiIB")

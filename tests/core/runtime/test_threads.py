@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as NotDoneError
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -182,6 +184,34 @@ def test_entities_closed_by_eight_threads_at_once_are_closed_once(
     assert "the file is open" in "".join(file.read_text() for file in tmp_path.iterdir())
 
 
+def test_participant_is_deleted_after_an_endpoint_that_another_thread_deletes(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dds.context()  # uses the domain, so the domain stays
+    context = dds.context()
+    node = dds.node("n", context=context)
+    publisher = node.create_publisher(Int32, "t")
+    api = node._scope.participant.api
+    delete, deleting, may_delete = api.delete, threading.Event(), threading.Event()
+
+    def delete_slowly(entity: int) -> int:
+        if not deleting.is_set():  # the publisher, not what the context closes
+            deleting.set()
+            assert may_delete.wait(10)
+        return int(delete(entity))
+
+    monkeypatch.setattr(api, "delete", delete_slowly)
+    with ThreadPoolExecutor(2) as pool:
+        publisher_closed = pool.submit(publisher.close)
+        assert deleting.wait(10)
+        context_closed = pool.submit(context.close)
+        with pytest.raises(NotDoneError):
+            context_closed.result(0.2)
+        assert not publisher_closed.done()
+        may_delete.set()
+        publisher_closed.result(10), context_closed.result(10)
+
+
 DEFAULT_CONTEXT = """
 import sys, threading
 sys.setswitchinterval(1e-6)
@@ -255,14 +285,14 @@ def endpoint(number: int, topic: int) -> DiscoveredEndpoint:
 
 
 def test_endpoint_index_is_consistent_after_changes_by_eight_threads() -> None:
-    index = EndpointIndex()
-    cache = MatchCache(index, lambda topic: tuple(index.endpoints_on(TopicKey("topic", str(topic)), writers=True)))
+    index, key = EndpointIndex(), TopicKey("topic", "/t0")
+    cache = MatchCache(index, [key], lambda _: tuple(index.endpoints_on(key, writers=True)))
 
     def work(number: int) -> None:
         for count in range(200):
             one = endpoint(1000 * number + count, count % 3)
             index.add(one)
-            cache.get("/t0")
+            cache[None]
             list(index.endpoints.values())
             if count % 4:
                 index.remove(one.guid)
@@ -277,19 +307,19 @@ def test_endpoint_index_is_consistent_after_changes_by_eight_threads() -> None:
     ]
     assert index.endpoints.keys() == remaining == set(found) and len(found) == len(remaining)
     assert index.version == 8 * (200 + 150)
-    assert cache.get("/t0") == tuple(index.endpoints_on(TopicKey("topic", "/t0"), writers=True))
+    assert cache[None] == tuple(index.endpoints_on(key, writers=True))
 
 
 def test_match_cache_does_not_store_results_of_an_older_version() -> None:
-    index = EndpointIndex()
+    index, new = EndpointIndex(), endpoint(2, 0)
 
     def check(_: Hashable) -> int:
         seen = index.version
         if seen == 0:  # another thread changes the endpoints and reads the newer result during this check
-            index.version = 1
-            assert cache.get() == 11
+            index.add(new)
+            assert cache[None] == 11
         return seen + 10
 
-    cache: MatchCache[int] = MatchCache(index, check)
-    assert cache.get() == 10
-    assert cache.get() == 11
+    cache: MatchCache[int] = MatchCache(index, [new.topic_key], check)
+    assert cache[None] == 10
+    assert cache[None] == 11

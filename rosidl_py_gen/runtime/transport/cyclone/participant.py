@@ -37,7 +37,7 @@ from rosidl_py_gen.runtime.transport.api import (
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
-from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
+from rosidl_py_gen.runtime.transport.cyclone.domain import Domain, wait_for_others
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
     EarlySampleReaders,
@@ -60,7 +60,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import BUFFER_SUFFIX, participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
-from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effective
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
@@ -136,12 +136,16 @@ class CycloneParticipant:
     def __init__(self, settings: DomainSettings, enclave: str) -> None:
         self.api = _api
         self.fast_dds = _fast_dds
-        self.service_peers = ServicePeers()
+        self.endpoint_index = EndpointIndex()
         self._entity_numbers = itertools.count(1)
         self._discovery_info: DiscoveryInfoTopic | None = None
         self._ros_distro = settings.ros_distro
         self.domain_id = settings.domain_id
         self._closed = False
+        self.is_deleted = False
+        """True from the moment on when `close` deletes the participant, and with it all endpoints that are left."""
+        self.deleting: list[int] = []
+        """Ids of threads that delete an endpoint."""
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
@@ -391,15 +395,18 @@ class CycloneParticipant:
                     _api.delete(self._topics.pop(oldest)[0])
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        def apply(events: list[DiscoveryEvent]) -> None:
+            self.endpoint_index.apply(events)
+            sink(events)
+
         lock = self.discovery.report_lock
-        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro, lock)
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, apply, self._ros_distro, lock)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)
             self._follow_buffers(events)
             if self._security is not None:
                 self._schedule_endpoint_check(events)
-            self.service_peers.apply(events)
             discovery_info.forward_events(events)
 
         self.discovery.sink = on_events
@@ -493,5 +500,10 @@ class CycloneParticipant:
         # Deleting a builtin reader frees the samples that it has lent, also while a thread reads them
         # (docs/internals/dds.md 9), so the thread must have stopped before.
         self.discovery.stop()
+        # Cyclone aborts the process if one thread deletes an endpoint while another one deletes its participant: the
+        # first one locks or unlocks the mutex of an entity that the second one has freed. Seen with 11.0.1 in
+        # `really_delete_pinned_closed_locked`.
+        self.is_deleted = True
+        wait_for_others(self.deleting)
         self._undo.close()
         self.discovery.close()
