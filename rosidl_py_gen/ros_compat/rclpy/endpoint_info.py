@@ -116,7 +116,7 @@ class TopicEndpointInfo:
             setattr(self, name, kwargs.get(name, default))
 
     @classmethod
-    def _rosidl_from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
+    def rosidl_from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
         return cls(
             node_name=info.node_name,
             node_namespace=info.node_namespace,
@@ -124,7 +124,7 @@ class TopicEndpointInfo:
             topic_type_hash=_hash_of(info.topic_type_hash),
             endpoint_type=int(info.endpoint_type),
             endpoint_gid=list(info.endpoint_gid),
-            qos_profile=QoSProfile._rosidl_from_runtime(info.qos_profile),
+            qos_profile=QoSProfile.rosidl_from_runtime(info.qos_profile),
         )
 
     def __eq__(self, other: object) -> bool:
@@ -209,13 +209,13 @@ class ServiceEndpointInfo:
         self.endpoint_count = endpoint_count
 
     @classmethod
-    def _rosidl_from_runtime(cls, info: ServiceEndpoints, endpoint_type: EndpointTypeEnum) -> ServiceEndpointInfo:
+    def rosidl_from_runtime(cls, info: ServiceEndpoints, endpoint_type: EndpointTypeEnum) -> ServiceEndpointInfo:
         return cls(
             node_name=info.node_name,
             node_namespace=info.node_namespace,
             service_type=info.service_type,
             service_type_hash=_hash_of(info.service_type_hash),
-            qos_profiles=[QoSProfile._rosidl_from_runtime(profile) for profile in info.qos_profiles],
+            qos_profiles=[QoSProfile.rosidl_from_runtime(profile) for profile in info.qos_profiles],
             endpoint_gids=[list(gid) for gid in info.gids],
             endpoint_type=endpoint_type,
             endpoint_count=len(info.gids),
