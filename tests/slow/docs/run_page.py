@@ -2,7 +2,8 @@
 
 A block with a title is a file. A Python block of a tab "Blocking" or "rclpy" is a program of its own, in a process,
 until the page ends. Other Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
-background, so that a server of one block answers the client of the next. Shell blocks run what they say to
+background, so that a server of one block answers the client of the next. A line of a shell block that ends with
+``# leave it running`` goes on until the page ends. Shell blocks run what they say to
 ``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
 before it prints; behind a shell block it makes the examples named there, and commands that go on `_ENDLESS`, run
 until the last one has printed it; then they end by themselves or by Ctrl-C.
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 _COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.generator_cli"), "rosidl-py": ("-m", "rosidl_py_gen.ros_cli")}
 _ENDLESS = "# until Ctrl-C"
+_LEAVE_RUNNING = "# leave it running"
 _RUNNERS = {"Blocking": (), "rclpy": (*_COMMANDS["rosidl-py"], "run")}
 """Arguments of Python before the program of a block, by the title of its tab."""
 TIMEOUT_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
@@ -114,7 +116,7 @@ class Page:
         elif block.language == "sh":
             self.output = io.StringIO()
             for line in block.text.replace("\\\n", "").splitlines():
-                await self.shell(line)
+                await self.shell(line, block)
         elif block.language == "text":
             await self.expect(block.text.splitlines())
         else:
@@ -149,7 +151,7 @@ class Page:
         elif path.suffix == ".py":
             compile(block.text, block.title, "exec")
 
-    async def shell(self, line: str) -> None:
+    async def shell(self, line: str, block: Block) -> None:
         """Run our commands; check that the names in them exist."""
         words = [os.path.expanduser(word) for word in shlex.split(line, comments=True)]
         for word in words:
@@ -157,8 +159,17 @@ class Page:
                 raise PageError(f"{word} does not exist")
         if not words or line.endswith(_ENDLESS):
             return
-        if words[0] in _COMMANDS or (words[0] == "python" and Path(words[1]).is_file()):
+        variables = dict(word.split("=", 1) for word in itertools.takewhile(lambda word: "=" in word, words))
+        words = words[len(variables) :]
+        if words and (words[0] in _COMMANDS or (words[0] == "python" and Path(words[1]).is_file())):
             program = [sys.executable, *_COMMANDS.get(words[0], ())]
+            if line.endswith(_LEAVE_RUNNING):
+                environment = {**os.environ, **variables, "PYTHONUNBUFFERED": "1"}
+                process = await asyncio.create_subprocess_exec(
+                    *program, *words[1:], env=environment, stdout=asyncio.subprocess.PIPE
+                )
+                self.processes.append((process, asyncio.ensure_future(self.read(process)), block))
+                return
             await self.command([*program, *words[1:]], ends_with=int(line.endswith("# ends with 1")))
 
     async def command(self, command: list[str], ends_with: int = 0) -> None:
