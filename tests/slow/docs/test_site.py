@@ -14,6 +14,8 @@ import pytest
 from support.browser import Browser, open_browser
 from support.folders import ROOT
 
+from rosidl_py_gen import __version__
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
@@ -290,6 +292,22 @@ def test_pages_fit_phones_and_name_the_columns_of_tables(reader: Browser, addres
             if reader.run(_EMPTY_HEADS):
                 wrong.append(f"{page} has a table with an empty heading")
     assert len(pages) > 30 and wrong == []
+
+
+def test_cheat_sheet_is_printed_on_two_sheets_without_cut_columns(reader: Browser, address: str) -> None:
+    reader.resize(1280, 900)
+    reader.open(address + "reference/cheat-sheet")
+    assert reader.print_pages() <= 2
+    with reader.printing():
+        wide = "document.querySelectorAll('.cheat-sheet .md-typeset__table')"
+        assert reader.run(f"return [...{wide}].every(table => table.scrollWidth <= table.clientWidth + 1)")
+
+
+def test_footer_shows_version_and_licence(reader: Browser, address: str) -> None:
+    reader.open(address + "howto/services")
+    assert f"rosidl-py-gen {__version__} · licence Apache-2.0" in reader.run(
+        "return document.querySelector('.md-copyright').innerText"
+    )
 
 
 @pytest.mark.parametrize("color_scheme", ["light", "dark"])
