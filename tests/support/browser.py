@@ -81,6 +81,22 @@ class Browser:
     def screenshot(self) -> bytes:
         return base64.b64decode(self._ask("GET", "/screenshot"))
 
+    @contextlib.contextmanager
+    def printing(self) -> Iterator[None]:
+        """Lay the page out as on A4 paper."""
+        size = {"width": 718, "height": 1016, "deviceScaleFactor": 1, "mobile": False}
+        self._devtools("Emulation.setDeviceMetricsOverride", size)
+        self._devtools("Emulation.setEmulatedMedia", {"media": "print"})
+        try:
+            yield
+        finally:
+            self._devtools("Emulation.setEmulatedMedia", {"media": ""})
+
+    def print_pages(self) -> int:
+        """Print the page on A4; return the number of sheets."""
+        pdf = base64.b64decode(self._ask("POST", "/print", {"page": {"width": 21.0, "height": 29.7}}))
+        return len(re.findall(rb"/Type\s*/Page\b", pdf))
+
     def close(self) -> None:
         """End Chromium."""
         self._ask("DELETE", "")

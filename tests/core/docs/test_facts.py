@@ -20,7 +20,7 @@ from support.markdown_pages import PAGES, blocks, prose, rows
 
 import rosidl_py_gen
 from rosidl_py_gen import bags, numpy, runtime, tf
-from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS
 from rosidl_py_gen.base.python_packages import REPOSITORIES, install_command_of
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 
@@ -50,6 +50,36 @@ def test_pages_state_correct_number_of_bundled_packages() -> None:
                 if not IN_OUTPUT.search(line):
                     found.append((page_id(page), int(number) + bool(other)))
     assert len(found) >= 4 and [one for one in found if one[1] != count] == []
+
+
+def found_on_pages(pattern: str) -> dict[str, list[str]]:
+    """Return the matches of a pattern on README and the pages that have some."""
+    found = {page_id(page): re.findall(pattern, " ".join(prose(page).split())) for page in SITE}
+    return {name: matches for name, matches in found.items() if matches}
+
+
+def test_pages_state_python_versions_of_project() -> None:
+    versions = re.findall(r"Python :: (3\.\d+)\"", (ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    stated = found_on_pages(r"Python (3\.\d+ to 3\.\d+)")
+    del stated["docs/background/compare.md"]  # versions of another project
+    assert stated.keys() >= {"README.md", "docs/index.md", "docs/start/install.md", "docs/reference/compatibility.md"}
+    assert {one for ranges in stated.values() for one in ranges} == {f"{versions[0]} to {versions[-1]}"}
+
+
+def test_pages_state_all_distributions() -> None:
+    names = [name.capitalize() for name in DISTRIBUTIONS]
+    stated = found_on_pages(rf"{names[0]}(?:, \w+)+ and \w+|{names[0]} to \w+")
+    assert stated.keys() >= {"README.md", "docs/index.md", "docs/reference/compatibility.md"}
+    complete = {f"{', '.join(names[:-1])} and {names[-1]}", f"{names[0]} to {names[-1]}"}
+    assert {one for lists in stated.values() for one in lists} - complete == set()
+
+
+def test_counts_of_public_programs_are_those_of_parity_page() -> None:
+    (row,) = [row for row in rows(ROOT / "docs/internals/parity.md") if len(row) == 5 and row[0] == "all"]
+    _, programs, unchanged, equal, _ = row
+    text = " ".join(prose(ROOT / "docs/reference/compatibility.md").split())
+    assert f"runs {unchanged} of {programs} programs" in text and equal.replace("of", "of the") in text
+    assert f"[{programs} public programs]" in (ROOT / "docs/internals/features.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", SITE, ids=page_id)

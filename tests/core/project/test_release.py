@@ -40,10 +40,12 @@ def requirements(extra: str) -> set[str]:
     return found
 
 
-def test_version_is_the_same_in_project_package_citation_and_changelog() -> None:
+def test_version_is_the_same_in_project_package_citation_site_and_changelog() -> None:
     (version,) = re.findall(r'^version = "(.+)"$', PROJECT, re.MULTILINE)
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert rosidl_py_gen.__version__ == version == citation["version"]
+    (line,) = re.findall(r"^copyright: (.*)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert line.startswith(f"rosidl-py-gen {version} ·") and f">{citation['license']}</a>" in line
     assert f"\n## {version} (" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 

@@ -27,9 +27,11 @@ WITH_CODE = [page for page in PAGES if blocks(page) and page.parent.name != "int
 
 @contextlib.contextmanager
 def ports_of(page: Path) -> Iterator[None]:
-    """The ports of this machine that a page names, for this process alone."""
-    ports = set(re.findall(r"(?:127\.0\.0\.1|localhost):(\d+)", page.read_text(encoding="utf-8")))
-    locks = [lock(f"port-{port}", wait=True) for port in sorted(ports)]
+    """The ports of this machine and the domains that a page names, for this process alone."""
+    text = page.read_text(encoding="utf-8")
+    names = {f"port-{port}" for port in re.findall(r"(?:127\.0\.0\.1|localhost):(\d+)", text)}
+    names |= {f"domain-{number}" for number in re.findall(r"(?:--domain |Context\()(\d+)", text)}
+    locks = [lock(name, wait=True) for name in sorted(names)]
     try:
         yield
     finally:

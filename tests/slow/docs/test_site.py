@@ -14,6 +14,8 @@ import pytest
 from support.browser import Browser, open_browser
 from support.folders import ROOT
 
+from rosidl_py_gen import __version__
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
@@ -67,6 +69,83 @@ QUESTIONS = [
     ("The definition changed: do old bags and robots still work?", "definition changed", "howto/messages-in-a-team"),
 ]
 """Questions of public issues, the same in a few words, and the page that answers."""
+
+REPORTED_QUESTIONS = [
+    ("No module named 'sensor_msgs'", "start/install howto/messages reference/errors howto/custom-messages"),
+    (
+        "ModuleNotFoundError: No module named 'std_msgs'",
+        "start/install howto/messages reference/errors howto/publish-subscribe howto/custom-messages",
+    ),
+    (
+        "remap topic name from command line",
+        "reference/settings start/from-rclpy howto/no-messages index howto/several-robots start/rclpy-names",
+    ),
+    ("node namespace multiple robots", "howto/network reference/settings howto/several-robots"),
+    ("publish at a fixed rate", "howto/time"),
+    ("publish Twist cmd_vel python", "commands/topic-service-action howto/publish-subscribe commands/demo"),
+    ("record a bag from python", "howto/bags"),
+    ("convert db3 to mcap", "commands/bag howto/bags"),
+    ("merge two bags", "commands/bag howto/bags howto/merge-bags"),
+    ("play bag slower", "commands/bag"),
+    ("filter bag by topic and time range", "commands/bag howto/bags"),
+    ("extract images from rosbag as png", "howto/images-clouds howto/bags commands/bag howto/bag-images"),
+    ("numpy array to sensor_msgs Image", "howto/images-clouds"),
+    ("static transform publisher python", "howto/transforms-sync"),
+    ("euler to quaternion", "howto/rotations howto/transforms-sync start/from-rclpy"),
+    ("MultiThreadedExecutor deadlock", "start/from-rclpy howto/services start/rclpy-names"),
+    ("This event loop is already running", "howto/notebooks reference/errors"),
+    ("set logger level", "howto/logging-lifecycle"),
+    ("load parameters from yaml file", "howto/parameters commands/node-param-lifecycle reference/settings"),
+    ("parameter callback when value changes", "howto/parameters"),
+    ("ROS_LOCALHOST_ONLY", "reference/settings howto/network"),
+    ("Fast DDS discovery server", "howto/network reference/compatibility"),
+    ("shared memory zero copy", "reference/compatibility howto/network reference/speed howto/zenoh"),
+    ("WSL2", "start/install howto/network reference/compatibility howto/launch"),
+    ("ApproximateTimeSynchronizer", "howto/transforms-sync"),
+    ("wait for service to become available", "howto/services"),
+    ("action goal preempt new goal", "howto/actions"),
+    ("activate lifecycle node from python", "howto/logging-lifecycle commands/node-param-lifecycle"),
+    ("urdf robot_state_publisher", "howto/transforms-sync howto/launch"),
+    (
+        "RIHS01 type hash mismatch",
+        "howto/no-messages reference/errors reference/compatibility howto/messages howto/custom-messages",
+    ),
+    ("rosbridge websocket javascript", "background/compare howto/live-view"),
+    ("tab completion bash zsh", "commands/index"),
+    ("rqt_graph", "commands/diagnose"),
+    ("rqt_plot live plot", "commands/topic-service-action"),
+    ("echo only one field of a message", "commands/topic-service-action"),
+    ("ros1 bag", "howto/bags reference/compatibility background/compare"),
+    ("point cloud to open3d pcd", "howto/images-clouds"),
+    ("message to json", "howto/messages howto/custom-messages"),
+    ("unit test a subscriber callback", "howto/test"),
+    ("benchmark latency compared with rclpy", "reference/speed background/compare"),
+]
+"""Questions of users as typed, and the pages that answer them."""
+
+OTHER_QUESTIONS = [
+    ("how do I read a topic from a thread", "howto/scripts"),
+    ("which nodes are running", "commands/node-param-lifecycle commands/diagnose"),
+    ("how often is a topic published", "commands/topic-service-action"),
+    ("can I install it with uv", "start/install"),
+    ("run my rclpy node without installing ROS", "start/from-rclpy start/rclpy-names"),
+    ("subscriber gets nothing because the QoS is incompatible", "howto/qos howto/no-messages"),
+    ("show the robot's camera in a browser", "howto/live-view howto/images-clouds"),
+    ("write a service server", "howto/services"),
+    ("wait until a transform is available", "howto/transforms-sync"),
+    ("how to stop a running action", "howto/actions"),
+    ("save all parameters of a node to a file", "commands/node-param-lifecycle howto/parameters"),
+    ("run tests faster than real time", "howto/test howto/time"),
+    ("lidar points as a numpy array", "howto/images-clouds"),
+    ("create my own message type", "howto/messages howto/custom-messages"),
+    ("does it work with a robot on Humble", "reference/compatibility howto/no-messages index howto/zenoh"),
+    ("robot behind NAT or a mobile network", "howto/zenoh"),
+    ("encrypt the traffic between nodes", "howto/security"),
+    ("export odometry to excel", "howto/tables"),
+    ("two robots with the same topic names", "howto/several-robots"),
+    ("what replaces each ros2 command", "reference/cheat-sheet commands/index"),
+]
+"""The same, written before their results were known."""
 
 FIRST_RESULTS = 3
 _STATUS = 'document.querySelector("[data-md-component=search-result] .md-search-result__meta")'
@@ -152,19 +231,55 @@ def search(reader: Browser, address: str, query: str) -> list[str]:
     return list(dict.fromkeys(indexes.get(page, page) for page in pages))
 
 
-def test_search_answers_common_questions(reader: Browser, address: str) -> None:
+@pytest.fixture
+def searching(reader: Browser, address: str) -> Browser:
+    """The browser with the search of the site open."""
     reader.resize(1280, 800)
     reader.open(address)
     reader.run('document.querySelector("[data-md-component=search-query]").focus()')
     reader.wait_for(f'return {_STATUS}.textContent == "Type to start searching"')
+    return reader
+
+
+def test_search_answers_common_questions(searching: Browser, address: str) -> None:
     wrong = {}
     for *queries, page in QUESTIONS:
         for query in queries:
-            found = search(reader, address, query)
+            found = search(searching, address, query)
             if page not in found[:FIRST_RESULTS]:
                 wrong[query] = (page, found[: FIRST_RESULTS + 1])
     assert len(QUESTIONS) == 44
     assert not wrong, "\n".join(f"{query!r}: expected {page}, found {found}" for query, (page, found) in wrong.items())
+
+
+@pytest.mark.parametrize(("questions", "count", "min_hits"), [(REPORTED_QUESTIONS, 40, 38), (OTHER_QUESTIONS, 20, 19)])
+def test_search_answers_questions_in_natural_words(
+    searching: Browser, address: str, site: Path, questions: list[tuple[str, str]], count: int, min_hits: int
+) -> None:
+    existing = {"index", "commands/index", *pages_of(site)}
+    assert {page for _, pages in questions for page in pages.split()} - existing == set()
+    found = {question: search(searching, address, question)[: FIRST_RESULTS + 1] for question, _ in questions}
+    missed = [
+        (query, found[query]) for query, pages in questions if not {*pages.split()} & {*found[query][:FIRST_RESULTS]}
+    ]
+    assert len(found) == count and count - len(missed) >= min_hits, missed
+
+
+@pytest.mark.parametrize(
+    ("typed", "equal"),
+    [
+        ("How do I merge the bags of two recorders?", "merge bag two recorders"),
+        ("publish in ROS 2 with Python at a fixed rate", "publish fixed rate"),
+        ("robots stopping", "robot stop"),
+        ("'sensor_msgs'", "sensor_msgs"),
+    ],
+)
+def test_search_ignores_stop_words_and_endings(searching: Browser, address: str, typed: str, equal: str) -> None:
+    assert search(searching, address, typed) == search(searching, address, equal) != []
+
+
+def test_search_keeps_operators(searching: Browser, address: str) -> None:
+    assert len(search(searching, address, "+zenoh +parquet")) < len(search(searching, address, "zenoh parquet"))
 
 
 def test_pages_fit_phones_and_name_the_columns_of_tables(reader: Browser, address: str, site: Path) -> None:
@@ -179,6 +294,22 @@ def test_pages_fit_phones_and_name_the_columns_of_tables(reader: Browser, addres
             if reader.run(_EMPTY_HEADS):
                 wrong.append(f"{page} has a table with an empty heading")
     assert len(pages) > 30 and wrong == []
+
+
+def test_cheat_sheet_is_printed_on_two_sheets_without_cut_columns(reader: Browser, address: str) -> None:
+    reader.resize(1280, 900)
+    reader.open(address + "reference/cheat-sheet")
+    assert reader.print_pages() <= 2
+    with reader.printing():
+        wide = "document.querySelectorAll('.cheat-sheet .md-typeset__table')"
+        assert reader.run(f"return [...{wide}].every(table => table.scrollWidth <= table.clientWidth + 1)")
+
+
+def test_footer_shows_version_and_licence(reader: Browser, address: str) -> None:
+    reader.open(address + "howto/services")
+    assert f"rosidl-py-gen {__version__} · licence Apache-2.0" in reader.run(
+        "return document.querySelector('.md-copyright').innerText"
+    )
 
 
 @pytest.mark.parametrize("color_scheme", ["light", "dark"])

@@ -168,6 +168,24 @@ def test_points_example_rotates_and_filters_points() -> None:
 
 
 @pytest.mark.usefixtures("network")
+def test_several_robots_example_finds_robots_of_demo_and_notices_their_end() -> None:
+    fleet = start("several_robots.py")
+    lines = iter(fleet.line, "")
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "demo", "--count", "3"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as demo:
+        try:
+            found = [next(line for line in lines if line.startswith("found")) for _ in range(3)]
+            assert sorted(found) == ["found /robot1\n", "found /robot2\n", "found /robot3\n"]
+            closest = [next(line for line in lines if line.startswith("closest")) for _ in range(3)]
+            assert all(re.fullmatch(r"closest: /robot[12] and /robot[23], \d\.\d m\n", line) for line in closest)
+        finally:
+            demo.send_signal(signal.SIGINT)
+    lost = [next(line for line in lines if line.startswith("lost")) for _ in range(3)]
+    assert sorted(lost) == ["lost /robot1\n", "lost /robot2\n", "lost /robot3\n"]
+    stop(fleet)
+
+
+@pytest.mark.usefixtures("network")
 def test_camera_example_publishes_matching_images_and_depths() -> None:
     camera = start("camera.py")
 
