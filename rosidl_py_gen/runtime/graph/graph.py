@@ -19,7 +19,6 @@ from rosidl_py_gen.runtime.transport.api import (
     NodesAnnounced,
     ParticipantDiscovered,
 )
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 
 if TYPE_CHECKING:
@@ -118,6 +117,7 @@ class ParticipantInfo:
         is_ros: True if the participant announces itself as a ROS participant.
         announces_type_hashes: True if one of its endpoints has a type hash (Iron and later); None without endpoints.
         is_own: True for the context's own participant.
+        vendor: RTPS id of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS.
     """
 
     guid: bytes
@@ -125,18 +125,13 @@ class ParticipantInfo:
     announces_type_hashes: bool | None
     nodes: tuple[NodeInfo, ...]
     is_own: bool = False
-
-    @property
-    def vendor(self) -> bytes:
-        """RTPS id of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS."""
-        if uses_sample_identity(self.guid):
-            return FAST_DDS_VENDOR
-        return b"" if has_hashed_guid(self.guid) else self.guid[:2]
+    vendor: bytes = b""
 
 
 @dataclass(slots=True)
 class _Participant:
     enclave: str | None = None
+    vendor: bytes | None = None
     nodes: list[NodeEntities] = field(default_factory=list)
     is_humble: bool | None = None
 
@@ -154,7 +149,8 @@ class Graph(EndpointIndex):
         new_endpoint = None
         match event:
             case ParticipantDiscovered():
-                self._participants.setdefault(event.guid, _Participant()).enclave = event.enclave
+                participant = self._participants.setdefault(event.guid, _Participant())
+                participant.enclave, participant.vendor = event.enclave, event.vendor
             case NodesAnnounced():
                 self.set_nodes(event.guid, event.nodes)
                 self._participants[event.guid].is_humble = event.is_humble
@@ -299,6 +295,7 @@ class Graph(EndpointIndex):
                 has_hash.get(guid),
                 tuple(NodeInfo(node.name, node.namespace, participant.enclave or "") for node in participant.nodes),
                 guid == self._own_participant,
+                guid[:2] if participant.vendor is None else participant.vendor,
             )
             for guid, participant in list(self._participants.items())
         ]

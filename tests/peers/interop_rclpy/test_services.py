@@ -242,7 +242,7 @@ _Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 def delay_match(server: Any, delay_s: float) -> Any:
     """Delay Cyclone's match of the reader of a server; return the object to keep alive."""
     function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone does not notify of a suitable moment
-    api, listener = cyclone._api, cyclone._api.create_listener(None)
+    api, listener = cyclone.API, cyclone.API.create_listener(None)
     api.copy_listener(listener, server._scope.participant.listener)
     api.lset_subscription_matched_arg(listener, ct.cast(function, ct.c_void_p), None, True)
     assert api.set_listener(server._transport_server._reader.entity, listener) == 0

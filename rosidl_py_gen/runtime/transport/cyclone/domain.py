@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.transport.api import SecurityError, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi, TopicDescriptor
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsInterop, FastDdsSupport
 
 _MAX_TYPE_CHARS = 255
 """Maximum length of a type name: a limit of earlier versions and maybe of peers."""
@@ -125,7 +125,7 @@ class Domain:
     _forked: ClassVar[bool] = False
 
     def __init__(
-        self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
+        self, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> None:
         self._api = api
         self._domain_id = domain_id
@@ -138,7 +138,8 @@ class Domain:
         """Ids of threads that write a sample or delete an endpoint, and so use types and memory of the domain."""
         self._end_lock = threading.Lock()
         self._has_ended = False
-        self.types = Sertypes(api, fast_dds.prepare)
+        self.fast_dds = FastDdsInterop(support)
+        self.types = Sertypes(api, self.fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
         if self._handle == 0:  # another user of the same libddsc has created the domain
@@ -155,7 +156,7 @@ class Domain:
 
     @classmethod
     def join(
-        cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
+        cls, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> Domain:
         """Return the domain, configured with `xml` unless it is open already. Every `join` needs a `leave`.
 
@@ -173,7 +174,7 @@ class Domain:
                 )
             domain = cls._open.get(domain_id)
             if domain is None:
-                domain = cls._open[domain_id] = cls(api, fast_dds, domain_id, xml, enclave_folder)
+                domain = cls._open[domain_id] = cls(api, support, domain_id, xml, enclave_folder)
             elif domain._xml != xml:
                 raise TransportError(
                     f"domain {domain_id} is open in this process with another configuration, and DDS has one for each "
@@ -215,6 +216,7 @@ class Domain:
         self.types.close()
         if self._handle:
             self._api.delete(self._handle)
+        self.fast_dds.close()
 
     @classmethod
     def detach_after_fork(cls) -> None:

@@ -144,7 +144,7 @@ class CycloneWriter(_CycloneEndpoint):
         self._copy = api.bare_copy
         address = owner.domain.types[type].address
         self._type_object = _address(address)
-        self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
+        self._fast_dds_hooks = owner.domain.fast_dds.hooks_of(address)
         self._write = api.bare_write if self._fast_dds_hooks is None else self._fast_dds_hooks.write_plain
         self._domain = owner.domain
         self._writing = owner.domain.writing
@@ -191,7 +191,8 @@ class CycloneWriter(_CycloneEndpoint):
 
     def _write_with_identity(self, data: bytes, identity: SampleIdentity) -> int:
         if self._fast_dds_hooks is None:
-            raise TransportError(f"Cyclone DDS cannot send a sample identity: {self._owner.fast_dds.refusal}")
+            reason = self._owner.services_unavailable_reason
+            raise TransportError(f"Cyclone DDS cannot send a sample identity: {reason}")
         address = self._type_object.value or 0
         return self._fast_dds_hooks.write(self.entity, self.guid[12:], address, data, identity)
 
@@ -282,7 +283,7 @@ class CycloneReader(_CycloneEndpoint):
         """
         self._take = owner.api.bare_take
         address, self._payload_offset = owner.domain.types[type]
-        self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
+        self._fast_dds_hooks = owner.domain.fast_dds.hooks_of(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers
         self._guids = owner.discovery.guids

@@ -98,6 +98,7 @@ class SingleParticipant:
         self.guid, self.sender, self.is_humble = GUID, b"", False
         self.queue, self.items, self.events = self, deque[Any](), list[Any]()
         self.create_reader = self.create_writer = lambda spec: self
+        self.uses_sample_identity = lambda guid: guid == LATER.guid
         self.fetch, self.set_sink, self.writer_guid = bool, bool, lambda _: self.sender
         self.topic = discovery_info.DiscoveryInfoTopic(self, self.events.extend)
         self.topic.announce({1: NODES[0]})

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.dds  # all use the loaded library
 
-API = cyclone._api
+API, SUPPORT = cyclone.API, cyclone.FAST_DDS_SUPPORT
 TEXT = "std_msgs::msg::dds_::String_"
 HEADER = b"\0\1\0\0"
 
@@ -72,7 +72,7 @@ def test_other_types_of_the_domain_are_found_from_a_known_type(participant: Any)
 def test_reader_offsets_are_probed_by_guid(participant: Any, pinned: Any) -> None:
     entity = participant.discovery.entities[0]
     guid = API.guid_of(entity)
-    assert private_layout.probe_reader_offsets(pinned(entity), guid) == cyclone._fast_dds.reader_offsets is not None
+    assert private_layout.probe_reader_offsets(pinned(entity), guid) == SUPPORT.reader_offsets is not None
     unknown = bytes(byte ^ 255 for byte in guid)
     assert private_layout.probe_reader_offsets(pinned(entity), unknown) is None
     wrong = private_layout.ReaderOffsets(entity=8, flags=8)
@@ -81,7 +81,7 @@ def test_reader_offsets_are_probed_by_guid(participant: Any, pinned: Any) -> Non
 
 def test_reader_flags_that_contradict_the_qos_are_not_modified(participant: Any, pinned: Any, dds: World) -> None:
     reader: Any = dds.node("other").create_subscription(String, "topic")._reader
-    offsets = cyclone._fast_dds.reader_offsets
+    offsets = SUPPORT.reader_offsets
     assert offsets is not None
     unexpected = private_layout.set_requests_history(pinned(reader.entity), offsets, reader.guid, False)
     assert unexpected is not None and unexpected.startswith("the flags of a reader")

@@ -27,18 +27,15 @@ from rosidl_py_gen.runtime.transport.cyclone.private_layout import (
     SAMPLE_FUNCTIONS,
     bytes_at,
 )
-from rosidl_py_gen.runtime.transport.dds.correlation import (
-    FAST_DDS_VENDOR,
-    IDENTITY_BYTES,
-    SampleIdentity,
-    embed_identity,
-)
+from rosidl_py_gen.runtime.transport.dds.correlation import IDENTITY_BYTES, SampleIdentity, embed_identity
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
 
+FAST_DDS_VENDOR = b"\x01\x0f"
+"""RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 INLINE_QOS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
 """Length of the result of `encode_inline_qos`."""
 
@@ -133,7 +130,7 @@ class SampleHooks:
 
     def __init__(
         self,
-        owner: FastDdsInterop,
+        owner: FastDdsSupport,
         type_object: Sertype,
         slots: private_layout.VtableSlots,
         size_offset: int,
@@ -142,6 +139,8 @@ class SampleHooks:
     ) -> None:
         self._owner = owner
         self._is_reply = is_reply
+        self.is_lent = False
+        """True while a domain uses the hooks. Lock: the lock of `FastDdsSupport` must be held to lend them."""
         self._slots = slots
         self._size_offset = size_offset
         self.payload_offset = type_object.payload_offset or 0
