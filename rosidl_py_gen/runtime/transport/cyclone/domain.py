@@ -79,6 +79,7 @@ class Sertypes:
                     f"Cyclone DDS could not {activity}: the library has no dds_get_entity_sertype, and the type was "
                     "not found in the topic; use another libddsc"
                 )
+            # Before `prepare` replaces functions that the probe calls (docs/internals/cyclone_memory.md 2).
             payload_offset = private_layout.probe_payload_offset(api, address)
             known = self._known[dds_type] = Sertype(api.sertype_ref(address), payload_offset)
             self._prepare(known, dds_type)
@@ -86,7 +87,7 @@ class Sertypes:
 
     def _type_of(self, topic: int, dds_type: str) -> int | None:
         api = self._api
-        if api.get_entity_sertype is None:
+        if api.get_entity_sertype is None:  # an older library: docs/internals/cyclone_memory.md 3
             with api.locked_entity(topic) as address:
                 return private_layout.probe_sertype(address, dds_type.encode(), api.sertype_version)
         address = ct.c_void_p()

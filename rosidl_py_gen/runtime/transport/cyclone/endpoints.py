@@ -336,7 +336,7 @@ class CycloneReader(_CycloneEndpoint):
                     data = hooks.with_embedded_identity(sample, size)
                 if data is not None:
                     unref(sample)
-                elif payload_offset is None:  # the probe did not find the payload in this library
+                elif payload_offset is None:  # not found in this library: docs/internals/cyclone_memory.md 2
                     data = self._copy_payload(sample, size)
                 elif size < _LARGE_SAMPLE_BYTES:
                     # Samples of up to 256 bytes return to a pool of their domain, so a view could not outlive it.

@@ -6,7 +6,8 @@ What a caller needs, by the object that it asks:
 - `FastDdsInterop`, one for each open domain: types of services with sample identities.
 - `FastDdsPeers`, one for each participant: which peers are on Fast DDS, their early samples, warnings about them.
 
-Only `transport/cyclone` imports this package, and only these names. Source: docs/internals/dds.md 2 to 6.
+Only `transport/cyclone` imports this package, and only these names. Source: docs/internals/dds.md 2 to 6;
+what is read and written in Cyclone's memory: docs/internals/cyclone_memory.md 1.
 """
 
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop

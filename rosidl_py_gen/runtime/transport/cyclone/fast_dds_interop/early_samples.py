@@ -131,7 +131,7 @@ class EarlySampleReaders:
         """Find the memory layout of readers by examining a builtin reader, which is not announced to peers."""
         support = self._support
         if support.reader_offsets is None and not support.early_refusal:
-            with self._api.locked_entity(builtin_reader) as address:
+            with self._api.locked_entity(builtin_reader) as address:  # docs/internals/cyclone_memory.md 8
                 guid = self._api.guid_of(builtin_reader)
                 support.reader_offsets = private_layout.probe_reader_offsets(address, guid)
             if support.reader_offsets is None:

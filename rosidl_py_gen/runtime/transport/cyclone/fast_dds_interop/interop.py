@@ -50,7 +50,7 @@ class FastDdsInterop:
 
     def _drop_type_lookups(self, neighbour: int) -> None:
         # eclipse-cyclonedds/cyclonedds issue 2329, before 11: requests for types between two nodes of Kilted on Fast
-        # DDS crash Cyclone in `ddsi_xt_type_init_impl` (docs/internals/dds.md 8).
+        # DDS crash Cyclone in `ddsi_xt_type_init_impl` (docs/internals/dds.md 8, docs/internals/cyclone_memory.md 9).
         support, slots = self.support, self.support.slots
         type_object = private_layout.find_type_of_domain(neighbour, _LOOKUP_REPLY, support.api.sertype_version)
         if slots is None or not type_object:
@@ -82,6 +82,7 @@ class FastDdsInterop:
                 support.refusal = "payloads do not have a constant offset in samples"
                 return
             self._hooks_by_type[address] = hooks
+        # Both vtables of the type object are replaced (docs/internals/cyclone_memory.md 4).
         # Otherwise endpoints would get derived sertypes with the original functions for samples.
         private_layout.replace_vtable_function(address, TYPE_FUNCTIONS, slots.derive_sertype, None)
         private_layout.set_vtable(address, SAMPLE_FUNCTIONS, hooks.table)

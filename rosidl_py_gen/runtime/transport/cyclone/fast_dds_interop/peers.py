@@ -149,7 +149,7 @@ class FastDdsPeers:
 
     def on_builtin_reader(self, entity: int) -> None:
         """Regard participants as unread, and measure the layout of readers with their builtin reader."""
-        # A builtin reader is not announced to peers (docs/internals/dds.md 2).
+        # A builtin reader is not announced to peers (docs/internals/cyclone_memory.md 8).
         self.on_participants_pending()
         self._early.probe_layout(entity)
 

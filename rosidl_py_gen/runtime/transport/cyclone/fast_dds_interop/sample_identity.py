@@ -7,7 +7,7 @@ of Cyclone's vtable for samples, with two hooks (docs/internals/dds.md 3 and 4):
 Thread rules: hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of
 Cyclone that allocate and copy, do not log and never raise.
 
-Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2 to 5; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
+Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 3 to 5; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ class SampleHooks:
         """Send a sample, whose length is a multiple of 4, with an identity; return Cyclone's return code."""
         api, code = self._owner.api, _BAD_PARAMETER
         # The sample begins with a hidden prefix. Its size field is then reduced by the prefix, so that Cyclone counts,
-        # fragments and frees a sample that has the size of the message.
+        # fragments and frees a sample that has the size of the message (docs/internals/cyclone_memory.md 5).
         sample = private_layout.new_sample(
             api, type_object, _IDENTITY_MAGIC + writer_id + encode_inline_qos(identity) + data
         )

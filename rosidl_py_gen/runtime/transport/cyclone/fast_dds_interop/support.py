@@ -63,7 +63,7 @@ class FastDdsSupport:
         self._warned: set[str] = set()
         self._hooks: defaultdict[tuple[int, bool], list[SampleHooks]] = defaultdict(list)
         """Sample hooks by the address of Cyclone's original vtable, and True for replies. They are never freed, because
-        samples that outlive their domain refer to the vtable (docs/internals/dds.md 9)."""
+        samples that outlive their domain refer to the vtable (docs/internals/cyclone_memory.md 4)."""
         self._lock = threading.Lock()
 
     def capabilities(self) -> dict[str, str]:
