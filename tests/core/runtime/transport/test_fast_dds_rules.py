@@ -462,7 +462,7 @@ async def test_ctrl_c_is_raised_after_the_send_hook_returned_to_cyclone(dds: Wor
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
         domain = types._scope.participant.domain
-        hooks = domain.fast_dds.hooks_of(domain.types[TYPES_REQUEST].address)
+        hooks = domain.fast_dds.identities_of(domain.types[TYPES_REQUEST].address)
         with interrupted(hooks) as calls:
             types.send_request(GetParameterTypes.Request(names=["x"]))
         assert len(calls) == 1

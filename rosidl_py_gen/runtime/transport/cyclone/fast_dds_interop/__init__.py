@@ -12,7 +12,7 @@ what is read and written in Cyclone's memory: docs/internals/cyclone_memory.md 1
 
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.peers import FastDdsPeers
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleHooks
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleIdentities
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
 
-__all__ = ["FastDdsInterop", "FastDdsPeers", "FastDdsSupport", "SampleHooks"]
+__all__ = ["FastDdsInterop", "FastDdsPeers", "FastDdsSupport", "SampleIdentities"]

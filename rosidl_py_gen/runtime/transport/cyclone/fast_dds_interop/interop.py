@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleHooks, create_no_sample
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleIdentities, create_no_sample
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS
 
 if TYPE_CHECKING:
@@ -31,9 +31,9 @@ class FastDdsInterop:
 
     def __init__(self, support: FastDdsSupport) -> None:
         self.support = support
-        self._hooks: dict[tuple[int, bool], SampleHooks] = {}
+        self._hooks: dict[tuple[int, bool], SampleIdentities] = {}
         """Sample hooks by the address of Cyclone's original vtable, and True for replies."""
-        self._hooks_by_type: dict[int, SampleHooks] = {}
+        self._hooks_by_type: dict[int, SampleIdentities] = {}
         """Sample hooks by the address of the type object that has them."""
         self.members: set[FastDdsPeers] = set()
         """Peers of each participant of this process in the domain. Lock: `lock` must be held."""
@@ -87,10 +87,11 @@ class FastDdsInterop:
         private_layout.replace_vtable_function(address, TYPE_FUNCTIONS, slots.derive_sertype, None)
         private_layout.set_vtable(address, SAMPLE_FUNCTIONS, hooks.table)
 
-    def hooks_of(self, type_object: int) -> SampleHooks | None:
-        """Return the functions for samples with identity of a type object (by its address); None for types of topics.
+    def identities_of(self, type_object: int) -> SampleIdentities | None:
+        """Return what reads and writes identities of samples of a type, by the address of its type object.
 
-        None as well if the loaded library does not support sample identities.
+        Returns:
+            None for types of topics, and if the loaded library does not support sample identities.
         """
         return self._hooks_by_type.get(type_object)
 

@@ -125,8 +125,11 @@ create_no_sample = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
 """Replacement for Cyclone's `from_ser` that drops all received samples."""
 
 
-class SampleHooks:
-    """Copy of Cyclone's vtable for samples of requests, or of replies, with hooks for sample identities."""
+class SampleIdentities:
+    """Sample identities of requests, or of replies, in one domain.
+
+    An object has a copy of Cyclone's vtable for samples, with the two hooks (docs/internals/cyclone_memory.md 4).
+    """
 
     def __init__(
         self,

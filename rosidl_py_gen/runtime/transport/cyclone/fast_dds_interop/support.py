@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleHooks
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleIdentities
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class FastDdsSupport:
         self.loopback_refusal = _UNBOUND if IGNORE_TYPE_INFORMATION in unsupported else ""
         """Reason why localhost mode uses other interfaces than loopback; empty if it uses loopback alone."""
         self._warned: set[str] = set()
-        self._hooks: defaultdict[tuple[int, bool], list[SampleHooks]] = defaultdict(list)
+        self._hooks: defaultdict[tuple[int, bool], list[SampleIdentities]] = defaultdict(list)
         """Sample hooks by the address of Cyclone's original vtable, and True for replies. They are never freed, because
         samples that outlive their domain refer to the vtable (docs/internals/cyclone_memory.md 4)."""
         self._lock = threading.Lock()
@@ -91,7 +91,7 @@ class FastDdsSupport:
             self.refusal = "the functions for samples were not found in this library"
         return slots
 
-    def lend_hooks(self, type_object: Sertype, *, is_reply: bool) -> SampleHooks | None:
+    def lend_hooks(self, type_object: Sertype, *, is_reply: bool) -> SampleIdentities | None:
         """Return sample hooks for an unmodified type object, which no other domain uses until `release_hooks`.
 
         Returns:
@@ -111,12 +111,12 @@ class FastDdsSupport:
                 if size_offset is None:
                     self.refusal = "the layout of samples is unknown in this library"
                     return None
-                hooks = SampleHooks(self, type_object, slots, size_offset, is_reply=is_reply)
+                hooks = SampleIdentities(self, type_object, slots, size_offset, is_reply=is_reply)
                 existing.append(hooks)
             hooks.is_lent = True
             return hooks
 
-    def release_hooks(self, hooks: SampleHooks) -> None:
+    def release_hooks(self, hooks: SampleIdentities) -> None:
         """Undo `lend_hooks`, after the domain was deleted."""
         hooks.enable_receive_hook(False)
         hooks.is_lent = False
