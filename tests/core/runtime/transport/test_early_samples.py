@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String
+from support.raw_endpoints import participant_of
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
@@ -113,7 +114,7 @@ def flags_of(entity: int) -> int:
 
 
 def newest_reader(node: Node) -> Any:
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     return list(participant.readers.values())[-1]
 
 
@@ -138,7 +139,7 @@ def test_history_flag_is_set_before_the_first_writer_is_matched(dds: World, monk
 
 
 def test_readers_are_not_modified_if_their_layout_is_unknown(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    unknown, participant = FastDdsSupport(cyclone.API), dds.node()._scope.participant
+    unknown, participant = FastDdsSupport(cyclone.API), participant_of(dds.node())
     early = EarlySampleReaders(unknown, listener := cyclone.API.create_listener(None))
     monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
     early.probe_layout(participant.discovery.entities[0])

@@ -21,6 +21,7 @@ from std_srvs.srv import SetBool
 from support import raw_endpoints
 from support.fast_dds import new_domain, new_peers
 from support.processes import python_process
+from support.raw_endpoints import participant_of
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import IncompatibleServiceError
@@ -45,6 +46,7 @@ pytestmark = pytest.mark.dds  # all use the loaded library
 SUPPORT = cyclone.FAST_DDS_SUPPORT
 FAST_GUID = b"\x01\x0f" + bytes(10) + b"\0\0\1\xc1"
 CYCLONE_GUID = b"\x01\x10" + FAST_GUID[2:]
+STRING = "std_msgs::msg::dds_::String_"
 REQUEST = "std_srvs::srv::dds_::SetBool_Request_"
 TYPES_REQUEST = "rcl_interfaces::srv::dds_::GetParameterTypes_Request_"
 AS_FAST_DDS = """
@@ -116,7 +118,7 @@ def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def vtable_of(node: Node, dds_type: str) -> int:
     """Return the address of the vtable of samples."""
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     return private_layout.vtable_address(participant.domain.types[dds_type].address, private_layout.SAMPLE_FUNCTIONS)
 
 
@@ -139,7 +141,7 @@ def with_service(node: Node, on_request: Callable[[bool], object] = bool) -> Nod
 def server_without_peers(dds: World) -> tuple[Node, Any, Any]:
     """Return a node with a service, its participant, and the plain function for received requests."""
     node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     participant.report_discovery()
     return node, participant, receive_function(node)
 
@@ -294,7 +296,7 @@ def test_library_of_unknown_layout_is_refused_and_not_modified(
     dds: World, probe: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     before = vtable_of(node, REQUEST)
     monkeypatch.setattr(private_layout, probe, lambda *_: None)
     fast_dds = FastDdsSupport(cyclone.API)
@@ -305,17 +307,17 @@ def test_library_of_unknown_layout_is_refused_and_not_modified(
 
 
 def test_samples_without_constant_payload_offset_are_copied(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    participant: Any = with_service(dds.node("ours"))._scope.participant
+    participant = participant_of(with_service(dds.node("ours")))
     fast_dds = FastDdsSupport(cyclone.API)
     without_offset = participant.domain.types[REQUEST]._replace(payload_offset=None)
     new_domain(fast_dds).prepare(without_offset, REQUEST)
     assert fast_dds.refusal == "payloads do not have a constant offset in samples"
     node = dds.node("other")
     monkeypatch.setattr(private_layout, "probe_payload_offset", lambda *_: None)
-    publisher, subscription = node.create_publisher(String, "topic"), node.create_subscription(String, "topic")
+    publisher, reader = node.create_publisher(String, "topic"), raw_endpoints.reader(node, "rt/topic", STRING)
     for text in ("small", "x" * 100_000):
         publisher.publish(String(data=text))
-        assert String.decode(subscription._items.popleft()[0]).data == text
+        assert String.decode(reader.queue.items.popleft()[0]).data == text
 
 
 def test_fast_dds_services_are_refused_in_a_32_bit_process(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -351,7 +353,7 @@ async def test_unknown_build_refuses_fast_dds_services_but_topics_work(
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
         found = raw_endpoints.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)
-        bob._scope.participant.discovery.sink([found])
+        participant_of(bob).discovery.sink([found])
     with pytest.raises(IncompatibleServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         await client.wait_for_service(timeout_s=10)
     with pytest.raises(IncompatibleServiceError, match=r"Topics work with it.*this build is not known"):
@@ -461,7 +463,7 @@ async def test_ctrl_c_is_raised_after_the_send_hook_returned_to_cyclone(dds: Wor
     with python_process(SERVER):
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
-        domain = types._scope.participant.domain
+        domain = participant_of(types).domain
         hooks = domain.fast_dds.identities_of(domain.types[TYPES_REQUEST].address)
         with interrupted(hooks) as calls:
             types.send_request(GetParameterTypes.Request(names=["x"]))

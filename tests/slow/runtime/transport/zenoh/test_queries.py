@@ -11,6 +11,7 @@ from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from support.local_network import zenoh_environment
+from support.raw_endpoints import participant_of
 from support.waiting import until
 from support.worlds import World
 
@@ -31,7 +32,7 @@ class Pair:
         self.client = world.node("caller").create_client(AddTwoInts, "add")
         self.reader: Any = self.server._transport_server
         self.replies: Any = self.client._transport_client
-        self.session: Any = self.node._scope.participant.session  # type: ignore[attr-defined]
+        self.session: Any = participant_of(self.node).session
         self.key = (
             f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
         )
@@ -128,7 +129,7 @@ async def test_response_is_accepted_after_its_server_token_disappeared(pair: Pai
     # Zenoh sends tokens before replies, even if the reply was first.
     calling = pair.call()
     await until(lambda: pair.reader._queries)
-    participant: Any = pair.node._scope.participant
+    participant = participant_of(pair.node)
     participant.undeclare_token(pair.reader.guid)
     await until(lambda: not pair.client._servers())
     for _ in range(5):  # the client checks for lost requests in a callback of the loop
@@ -196,7 +197,7 @@ async def test_samples_without_valid_attachment_are_dropped_with_a_warning(
 ) -> None:
     node = zenoh.node("n")
     subscription = node.create_subscription(String, "t")
-    session: Any = node._scope.participant.session  # type: ignore[attr-defined]
+    session: Any = participant_of(node).session
     key, data = (
         f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}",
         String(data="x").encode(),
