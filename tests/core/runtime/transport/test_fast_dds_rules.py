@@ -194,6 +194,19 @@ def test_peers_of_another_domain_and_of_closed_participants_activate_no_receive_
     assert receive_function(node) == plain and not other.members and len(participant.domain.fast_dds.members) == 1
 
 
+def test_closed_domain_retains_no_peers_and_returns_its_hooks(dds: World) -> None:
+    context = dds.context()
+    participant = participant_of(with_service(dds.node("ours", context=context)))
+    peers, domain = participant.fast_dds, participant.domain
+    hooks = domain.fast_dds.identities_of(domain.types[REQUEST].address)
+    peers.end_read([ParticipantDiscovered(FAST_GUID, None)])
+    assert hooks.is_lent and peers.may_exist() and domain.fast_dds.members == {peers}
+    context.close()
+    assert not hooks.is_lent and not peers.may_exist() and not domain.fast_dds.members
+    reopened = participant_of(with_service(dds.node("again"))).domain
+    assert reopened is not domain and reopened.fast_dds.identities_of(reopened.types[REQUEST].address) is hooks
+
+
 def test_hooks_are_lent_to_one_domain_at_a_time_and_reused(dds: World) -> None:
     _, participant, _ = server_without_peers(dds)
     support, types = FastDdsSupport(cyclone.API), participant.domain.types
