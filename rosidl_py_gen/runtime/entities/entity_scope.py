@@ -450,7 +450,10 @@ class EntityScope:
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that the scope cancels when it closes, and references until the task ends."""
-        task = start_task(self.loop_binding.running_loop(), coroutine)
+        loop = asyncio.get_running_loop()
+        if loop is not self.loop_binding.bound_loop:
+            self.loop_binding.attach(loop)
+        task = start_task(loop, coroutine)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
         return task
