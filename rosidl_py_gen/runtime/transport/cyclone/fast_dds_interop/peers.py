@@ -125,7 +125,7 @@ class FastDdsPeers:
     # ------------------------------------------------------------------------------------------------------- discovery
 
     def on_participants_pending(self) -> None:
-        """Activate the receive hooks, because participants are unread. Called by Cyclone; must not block or log."""
+        """Activate the receive hooks, because participants are unread. Called by Cyclone; must not raise or log."""
         # Cyclone reports a new participant in its own thread, before it processes anything else of the participant.
         interop = self._interop
         with interop.lock:
