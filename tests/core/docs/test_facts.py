@@ -122,7 +122,7 @@ def test_visible_code_uses_names_of_visible_code_only(page: Path) -> None:
     built_in = {*dir(builtins), "__file__", "__name__"}
     known = set(built_in)
     for block in blocks(page):
-        if block.language != "python" or block.hidden:
+        if block.language != "python":
             continue
         flags = ast.PyCF_ONLY_AST | ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
         tree: ast.Module = compile(block.text, str(page), "exec", flags)
@@ -136,7 +136,7 @@ def test_visible_code_uses_names_of_visible_code_only(page: Path) -> None:
 
 @pytest.mark.parametrize("page", TAUGHT, ids=page_id)
 def test_visible_code_reads_bags_that_visible_code_or_a_command_writes(page: Path) -> None:
-    shown = [block for block in blocks(page) if not block.hidden]
+    shown = blocks(page)
     written = {name for block in shown for name in re.findall(r"BagWriter\(\"([^\"]+)\"", block.text)}
     commands = "\n".join(block.text for block in shown if block.language == "sh")
     for block in shown:
