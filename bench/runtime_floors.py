@@ -192,18 +192,18 @@ class ServiceFloor:
         from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-        self.fast_dds = cyclone._fast_dds
         if is_client:
-            self.fast_dds.refusal = "not needed"  # keeps its functions out of the way
+            cyclone.FAST_DDS_SUPPORT.refusal = "not needed"  # keeps its functions out of the way
         participant = cyclone.CycloneTransport().open(read_environment(os.environ))
+        self.fast_dds: Any = participant.domain.fast_dds
         request, reply = (
             EndpointSpec(TopicKey(kind, f"/{SERVICE}"), f"std_srvs/srv/SetBool_{section}", QoSProfile().keep_all())
             for kind, section in (("request", "Request"), ("reply", "Response"))
         )
         self.reader = participant.create_reader(reply if is_client else request)
         self.writer = participant.create_writer(request if is_client else reply)
-        cyclone._api.set_listener(self.reader.entity, None)
-        library = cyclone._api.library
+        cyclone.API.set_listener(self.reader.entity, None)
+        library = cyclone.API.library
         waitset = library.dds_create_waitset(participant.entity)
         condition = library.dds_create_readcondition(self.reader.entity, ct.c_uint32(127))
         library.dds_waitset_attach(waitset, condition, ct.c_void_p(0))
@@ -237,8 +237,8 @@ def floor_serve() -> None:
     """Answer requests until it is killed."""
     floor, reply, number = ServiceFloor(is_client=False), b"\0\1\0\0\1\0\0\0\1\0\0\0\0\0\0\0", 0
     client = floor.writer.matched_readers()[0]
-    floor.fast_dds._enable_receive_hooks(False)
-    floor.fast_dds._enable_receive_hooks = lambda is_enabled: None
+    floor.fast_dds.enable_receive_hooks(False)
+    floor.fast_dds.enable_receive_hooks = lambda is_enabled: None
     while True:
         floor.take()
         number += 1

@@ -89,13 +89,13 @@ def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     original = cyclone.Domain.join
 
-    def guarded(api: Any, fast_dds: Any, number: int, xml: str, enclave_folder: str) -> cyclone.Domain:
+    def guarded(api: Any, support: Any, number: int, xml: str, enclave_folder: str) -> cyclone.Domain:
         # Cyclone before 11 is not bound, and told by "localhost" alone where to look (docs/internals/dds.md 8).
-        assert 'address="127.0.0.1"' in xml or fast_dds.loopback_refusal, f"not bound to loopback: {xml}"
+        assert 'address="127.0.0.1"' in xml or support.loopback_refusal, f"not bound to loopback: {xml}"
         assert '<Peer address="localhost"/>' in xml or "ros_discovery_off" in xml, xml
         assert xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {xml}"
         assert number in _domains or number - DOMAINS in _domains, f"domain {number} is not this test run's"
-        return original(api, fast_dds, number, xml, enclave_folder)
+        return original(api, support, number, xml, enclave_folder)
 
     monkeypatch.setattr(cyclone.Domain, "join", guarded)
 

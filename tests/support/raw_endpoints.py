@@ -15,6 +15,11 @@ if TYPE_CHECKING:
 DEEP = QoSProfile().keep_all()
 
 
+def participant_of(owner: Any) -> Any:
+    """Return the participant of a node, publisher, subscription, client or server."""
+    return owner._scope.participant
+
+
 def topic_name(name: str) -> str:
     """Return the name of a topic in DDS."""
     return wire_name(TopicKey("topic", name))
@@ -32,19 +37,19 @@ def reply_name(name: str) -> str:
 
 def spec(node: Any, topic: str, type: str, qos: QoSProfile, type_hash: str) -> EndpointSpec:
     """``rt/chatter`` is a topic; the halves of services are bare names, except in memory, where names are compared."""
-    topic_key, participant = topic_key_of(topic), node._scope.participant
+    topic_key, participant = topic_key_of(topic), participant_of(node)
     if topic_key.kind != "topic" and not isinstance(participant, MemoryParticipant):
         topic_key = TopicKey("unmangled", topic)
     return EndpointSpec(topic_key, ros_type(type), qos, type_hash, node=node._scope.number)
 
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
-    made: Reader = node._scope.participant.create_reader(spec(node, topic, type, qos, type_hash))
+    made: Reader = participant_of(node).create_reader(spec(node, topic, type, qos, type_hash))
     return made
 
 
 def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Writer:
-    made: Writer = node._scope.participant.create_writer(spec(node, topic, type, qos, type_hash))
+    made: Writer = participant_of(node).create_writer(spec(node, topic, type, qos, type_hash))
     return made
 
 

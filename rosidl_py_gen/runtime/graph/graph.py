@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -112,6 +111,7 @@ class ParticipantInfo:
         is_ros: True if the participant announces itself as a ROS participant.
         announces_type_hashes: True if one of its endpoints has a type hash (Iron and later); None without endpoints.
         is_own: True for the context's own participant.
+        vendor: RTPS id of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS.
     """
 
     guid: bytes
@@ -119,13 +119,7 @@ class ParticipantInfo:
     announces_type_hashes: bool | None
     nodes: tuple[NodeInfo, ...]
     is_own: bool = False
-
-    @property
-    def vendor(self) -> bytes:
-        """RTPS id of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS."""
-        if uses_sample_identity(self.guid):
-            return FAST_DDS_VENDOR
-        return b"" if has_hashed_guid(self.guid) else self.guid[:2]
+    vendor: bytes = b""
 
 
 class Graph:
@@ -273,6 +267,7 @@ class Graph:
                 has_hash.get(guid),
                 tuple(NodeInfo(node.name, node.namespace, participant.enclave or "") for node in participant.nodes),
                 guid == self._own_participant,
+                guid[:2] if participant.vendor is None else participant.vendor,
             )
             for guid, participant in list(self._participants.items())
         ]

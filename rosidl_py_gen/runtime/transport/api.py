@@ -35,10 +35,16 @@ GUID_PREFIX_BYTES = 12
 
 @dataclass(frozen=True, slots=True)
 class ParticipantDiscovered:
-    """Event: a participant was discovered (own ones included); `enclave` is None if the participant is not of ROS."""
+    """Event: a participant was discovered (own ones included).
+
+    Attributes:
+        enclave: None if the participant is not of ROS.
+        vendor: RTPS id of the vendor; empty if unknown; None if the GUID begins with it.
+    """
 
     guid: bytes
     enclave: str | None
+    vendor: bytes | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,11 +35,13 @@ class KnownParticipant:
         enclave: None if the participant is not of ROS, or only its nodes are known.
         nodes: nodes that the participant has announced last.
         is_humble: as in `NodesAnnounced`.
+        vendor: as in `ParticipantDiscovered`.
     """
 
     enclave: str | None = None
     nodes: tuple[NodeEntities, ...] = ()
     is_humble: bool | None = None
+    vendor: bytes | None = None
 
 
 class EndpointIndex:
@@ -69,7 +71,8 @@ class EndpointIndex:
                     self.remove(event.guid)
                 case ParticipantDiscovered():
                     with self._change_lock:
-                        self.participants.setdefault(event.guid, KnownParticipant()).enclave = event.enclave
+                        participant = self.participants.setdefault(event.guid, KnownParticipant())
+                        participant.enclave, participant.vendor = event.enclave, event.vendor
                         self.version += 1
                 case NodesAnnounced():
                     with self._change_lock:

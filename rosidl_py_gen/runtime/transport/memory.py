@@ -136,6 +136,9 @@ class MemoryParticipant:
     def service_refusal(self, service: ServiceSpec) -> str | None:
         return None
 
+    def uses_sample_identity(self, guid: bytes) -> bool:
+        return False
+
     def _info(self, spec: EndpointSpec, *, is_writer: bool) -> DiscoveredEndpoint:
         guid, qos = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(spec.qos, is_writer=is_writer)
         service, wire = (spec.service_id or spec.client_id, spec.service_hash), (spec.topic_key.name, spec.type)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from support.folders import ROOT
 from support.markdown_pages import find_test_file
 
-PAGES = {name: ROOT / "docs" / "internals" / f"{name}.md" for name in ("protocol", "dds", "zenoh")}
+PAGES = {name: ROOT / "docs" / "internals" / f"{name}.md" for name in ("protocol", "dds", "cyclone_memory", "zenoh")}
 FILES = [
     path
     for folder in ("rosidl_py_gen", "templates", "tests", "tools", "bench", "examples", "docs")

@@ -313,7 +313,9 @@ async def test_self_test_reports_second_process_that_did_not_start(
 def test_middleware_text_contains_only_known_facts_of_peer(
     prefix: str, is_ros: bool, hashes: bool | None, description: str
 ) -> None:
-    assert middleware_text(ParticipantInfo(bytes.fromhex(prefix) + bytes(14), is_ros, hashes, ())) == description
+    vendor = bytes.fromhex(prefix)
+    info = ParticipantInfo(vendor + bytes(14), is_ros, hashes, (), vendor=vendor)
+    assert middleware_text(info) == description
 
 
 def test_redacted_findings_hide_home_host_and_addresses(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import peers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import request_samples
 
 if TYPE_CHECKING:
@@ -242,7 +243,7 @@ _Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 def delay_match(server: Any, delay_s: float) -> Any:
     """Delay Cyclone's match of the reader of a server; return the object to keep alive."""
     function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone does not notify of a suitable moment
-    api, listener = cyclone._api, cyclone._api.create_listener(None)
+    api, listener = cyclone.API, cyclone.API.create_listener(None)
     api.copy_listener(listener, server._scope.participant.listener)
     api.lset_subscription_matched_arg(listener, ct.cast(function, ct.c_void_p), None, True)
     assert api.set_listener(server._transport_server._reader.entity, listener) == 0
@@ -279,7 +280,7 @@ async def test_earlier_samples_are_requested_once_from_new_request_writer(
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
     reader, best_effort = server._transport_server.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
-    monkeypatch.setattr(cyclone, "request_samples", record)
+    monkeypatch.setattr(peers, "request_samples", record)
     await shared_peer.do("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.do("client", name=name, type=KIND)
     await shared_peer.do("call", name=name, requests_=[{}], within_s=10)

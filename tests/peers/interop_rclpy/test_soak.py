@@ -202,4 +202,4 @@ async def test_soak_with_packet_loss_and_killed_peers_loses_no_replies(
     assert min(soak.count[name] for name in work) >= 5
     assert soak.count["killed"] >= 1
     assert grown_mb < 8 + 2 * MINUTES
-    assert cyclone._fast_dds.refusal is None
+    assert cyclone.FAST_DDS_SUPPORT.refusal is None

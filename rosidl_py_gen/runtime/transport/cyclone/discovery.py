@@ -12,15 +12,10 @@ import struct
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.api import (
-    GUID_PREFIX_BYTES,
-    DiscoveredEndpoint,
-    DiscoveryEvent,
-    EntityLost,
-    ParticipantDiscovered,
-)
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, DiscoveryEvent, EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.c_api import (
     DCPS_PARTICIPANT,
@@ -28,15 +23,9 @@ from rosidl_py_gen.runtime.transport.cyclone.c_api import (
     BuiltinParticipant,
     cast_loan,
 )
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
-from rosidl_py_gen.runtime.transport.dds.correlation import (
-    FAST_DDS_VENDOR,
-    add_secured_fast_dds,
-    discard_secured_fast_dds,
-    has_hashed_guid,
-)
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
 
 _BATCH = 64
@@ -48,10 +37,6 @@ _UNREAD = 2 | 4 | 8 | _ALIVE
 """State mask of samples that were not read yet, in any view state, of alive instances."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """Unpack instance_state, valid_data and instance_handle from a dds_sample_info_t (64 bytes)."""
-_ADDRESSES = b"__NetworkAddresses"
-"""Property in which Cyclone stores the network addresses of a discovered participant."""
-_FAST_DDS = (b"PARTICIPANT_TYPE", b"fastdds.physical_data.host")
-"""Properties that only participants on Fast DDS have."""
 _BUILTIN_PREFIX = "DCPS"
 """Prefix of the names of DDS builtin topics."""
 _TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
@@ -63,26 +48,22 @@ class BuiltinTopicReaders:
     Args:
         listener: Cyclone listener that writes the handle of a builtin reader into the pipe whose writing end is
             `stream`.
-        on_new_participant: called with GUID and addresses of each discovered Fast DDS participant.
+        fast_dds: the participant's peers on Fast DDS, to which new and lost participants are reported.
         new_warnings: returns texts to log, each once.
     """
 
     def __init__(
         self,
         api: c_api.CycloneApi,
-        fast_dds: FastDdsInterop,
         participant: int,
         listener: int,
         stream: int,
-        on_new_participant: Callable[[bytes, str], None],
+        fast_dds: FastDdsPeers,
         new_warnings: Callable[[], list[str]],
     ) -> None:
         self._api = api
-        self._on_new_participant = on_new_participant
         self._new_warnings = new_warnings
         self._fast_dds = fast_dds
-        self._addresses: dict[bytes, str] = {}
-        """Addresses of Fast DDS participants, by GUID prefix."""
         self._on_participants_function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(self._on_participants)
         participant_listener: int = api.create_listener(None)
         api.lset_data_available_arg(participant_listener, self._on_participants_function, stream, True)
@@ -95,7 +76,7 @@ class BuiltinTopicReaders:
         finally:
             api.delete_listener(participant_listener)
         self.entities = tuple(self._readers.values())
-        fast_dds.on_participants_pending(self._readers[DCPS_PARTICIPANT])
+        fast_dds.on_builtin_reader(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.report_lock = threading.RLock()
         """Lock held from reading events until the sink has applied them: without a loop, several threads report."""
@@ -126,28 +107,15 @@ class BuiltinTopicReaders:
 
     def _on_participants(self, reader: int, stream: int) -> None:
         """Record new participants. Called by Cyclone's thread, before it processes anything else of a participant."""
-        self._fast_dds.on_participants_pending(reader)
+        self._fast_dds.on_participants_pending()
         try:
             for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _UNREAD):
-                self._record_participant(cast_loan(pointer, BuiltinParticipant), reader)  # earlier than the loop
+                self._record_participant(cast_loan(pointer, BuiltinParticipant))  # earlier than the loop
         finally:
             putw(reader, stream)
 
-    def _record_participant(self, participant: BuiltinParticipant, reader: int) -> None:
-        """Store the addresses of a Fast DDS participant, and call `on_new_participant` for a new one.
-
-        A secured participant on Fast DDS is only recorded as such.
-        """
-        guid = bytes(participant.key)
-        if guid.startswith(FAST_DDS_VENDOR):
-            prefix = guid[:GUID_PREFIX_BYTES]
-            is_new = prefix not in self._addresses
-            self._addresses[prefix] = read_property(self._api, participant.qos, _ADDRESSES)
-            if is_new:
-                self._on_new_participant(guid, self._addresses[prefix])
-        elif has_hashed_guid(guid) and any(read_property(self._api, participant.qos, name) for name in _FAST_DDS):
-            # Requests for its endpoints would be dropped, because they are not protected.
-            add_secured_fast_dds(guid, reader)
+    def _record_participant(self, participant: BuiltinParticipant) -> None:
+        self._fast_dds.on_participant(bytes(participant.key), partial(read_property, self._api, participant.qos))
 
     def report(self) -> None:
         """Pass all new discovery events to the sink, and log new warnings."""
@@ -163,7 +131,7 @@ class BuiltinTopicReaders:
         for topic, reader in self._readers.items():
             is_participant = topic == DCPS_PARTICIPANT
             if is_participant:
-                self._fast_dds.begin_read(reader)
+                self._fast_dds.begin_read()
             events: list[DiscoveryEvent] = []
             for pointer, state, is_valid, handle in self._loaned_samples(reader, self._api.take):
                 if is_valid:
@@ -172,22 +140,22 @@ class BuiltinTopicReaders:
                     guid = bytes(cast_loan(pointer, BuiltinParticipant).key)  # all builtin samples begin with the key
                     events.append(EntityLost(guid))
                     if is_participant:
-                        discard_secured_fast_dds(reader, guid)
-                        self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
+                        self._fast_dds.on_participant_lost(guid)
                     else:
                         # Not removed at once: the last samples of the endpoint may still be in a queue.
                         self._lost_handles.append(handle)
                         if len(self._lost_handles) > _MAX_LOST_HANDLES:
                             self.guids.pop(self._lost_handles.popleft(), None)
             if is_participant:
-                self._fast_dds.end_read(reader, events)
+                self._fast_dds.end_read(events)
             yield from events
 
     def _participant(self, pointer: int) -> Iterator[ParticipantDiscovered]:
         participant = cast_loan(pointer, BuiltinParticipant)
-        self._record_participant(participant, self._readers[DCPS_PARTICIPANT])  # perhaps earlier than Cyclone's thread
+        self._record_participant(participant)  # perhaps earlier than Cyclone's thread
         user_data = parse_user_data(read_user_data(self._api, participant.qos))
-        yield ParticipantDiscovered(bytes(participant.key), user_data.get("enclave"))
+        guid = bytes(participant.key)
+        yield ParticipantDiscovered(guid, user_data.get("enclave"), self._fast_dds.vendor_of(guid))
 
     def _endpoint(self, topic: int, pointer: int, handle: int) -> Iterator[DiscoveredEndpoint]:
         endpoint = cast_loan(pointer, BuiltinEndpoint)
@@ -219,16 +187,6 @@ class BuiltinTopicReaders:
         """
         with self._lock:
             self._is_stopped = True
-
-    def close(self) -> None:
-        """Forget what the builtin readers, which were deleted with the participant, reported about Fast DDS peers."""
-        reader = self._readers[DCPS_PARTICIPANT]
-        self._fast_dds.forget_reader(reader)
-        discard_secured_fast_dds(reader)
-
-    def fast_dds_addresses(self, endpoint: bytes) -> str | None:
-        """Return the network addresses of an endpoint's participant; None unless it is a known Fast DDS participant."""
-        return self._addresses.get(endpoint[:GUID_PREFIX_BYTES])
 
     def matched(self, entity: int, *, is_writer: bool) -> list[bytes]:
         """Return the GUIDs of the endpoints that are matched with a writer or reader of this participant."""

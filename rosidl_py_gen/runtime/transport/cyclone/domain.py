@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.transport.api import SecurityError, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi, TopicDescriptor
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsInterop, FastDdsSupport
 
 _MAX_TYPE_CHARS = 255
 """Maximum length of a type name: a limit of earlier versions and maybe of peers."""
@@ -79,6 +79,7 @@ class Sertypes:
                     f"Cyclone DDS could not {activity}: the library has no dds_get_entity_sertype, and the type was "
                     "not found in the topic; use another libddsc"
                 )
+            # Before `prepare` replaces functions that the probe calls (docs/internals/cyclone_memory.md 2).
             payload_offset = private_layout.probe_payload_offset(api, address)
             known = self._known[dds_type] = Sertype(api.sertype_ref(address), payload_offset)
             self._prepare(known, dds_type)
@@ -86,7 +87,7 @@ class Sertypes:
 
     def _type_of(self, topic: int, dds_type: str) -> int | None:
         api = self._api
-        if api.get_entity_sertype is None:
+        if api.get_entity_sertype is None:  # an older library: docs/internals/cyclone_memory.md 3
             with api.locked_entity(topic) as address:
                 return private_layout.probe_sertype(address, dds_type.encode(), api.sertype_version)
         address = ct.c_void_p()
@@ -135,7 +136,7 @@ class Domain:
     _forked: ClassVar[bool] = False
 
     def __init__(
-        self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
+        self, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> None:
         self._api = api
         self._domain_id = domain_id
@@ -148,7 +149,8 @@ class Domain:
         """Ids of threads that write a sample or delete an endpoint, and so use types and memory of the domain."""
         self._end_lock = threading.Lock()
         self._has_ended = False
-        self.types = Sertypes(api, fast_dds.prepare)
+        self.fast_dds = FastDdsInterop(support)
+        self.types = Sertypes(api, self.fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
         if self._handle == 0:  # another user of the same libddsc has created the domain
@@ -165,7 +167,7 @@ class Domain:
 
     @classmethod
     def join(
-        cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
+        cls, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> Domain:
         """Return the domain, configured with `xml` unless it is open already. Every `join` needs a `leave`.
 
@@ -183,7 +185,7 @@ class Domain:
                 )
             domain = cls._open.get(domain_id)
             if domain is None:
-                domain = cls._open[domain_id] = cls(api, fast_dds, domain_id, xml, enclave_folder)
+                domain = cls._open[domain_id] = cls(api, support, domain_id, xml, enclave_folder)
             elif domain._xml != xml:
                 raise TransportError(
                     f"domain {domain_id} is open in this process with another configuration, and DDS has one for each "
@@ -222,6 +224,7 @@ class Domain:
         self.types.close()
         if self._handle:
             self._api.delete(self._handle)
+        self.fast_dds.close()
 
     @classmethod
     def detach_after_fork(cls) -> None:

@@ -149,8 +149,8 @@ class CycloneWriter(_CycloneEndpoint):
         self._copy = api.bare_copy
         address = owner.domain.types[type].address
         self._type_object = _address(address)
-        self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
-        self._write = api.bare_write if self._fast_dds_hooks is None else self._fast_dds_hooks.write_plain
+        self._identities = owner.domain.fast_dds.identities_of(address)
+        self._write = api.bare_write if self._identities is None else self._identities.write_plain
         self._domain = owner.domain
         self._writing = owner.domain.writing
         handle = ct.c_uint64()
@@ -195,10 +195,11 @@ class CycloneWriter(_CycloneEndpoint):
         return self._is_written(code, data)
 
     def _write_with_identity(self, data: bytes, identity: SampleIdentity) -> int:
-        if self._fast_dds_hooks is None:
-            raise TransportError(f"Cyclone DDS cannot send a sample identity: {self._owner.fast_dds.refusal}")
+        if self._identities is None:
+            reason = self._owner.services_unavailable_reason
+            raise TransportError(f"Cyclone DDS cannot send a sample identity: {reason}")
         address = self._type_object.value or 0
-        return self._fast_dds_hooks.write(self.entity, self.guid[12:], address, data, identity)
+        return self._identities.write(self.entity, self.guid[12:], address, data, identity)
 
     def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
@@ -287,7 +288,7 @@ class CycloneReader(_CycloneEndpoint):
         """
         self._take = owner.api.bare_take
         address, self._payload_offset = owner.domain.types[type]
-        self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
+        self._identities = owner.domain.fast_dds.identities_of(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers
         self._guids = owner.discovery.guids
@@ -323,7 +324,7 @@ class CycloneReader(_CycloneEndpoint):
     def _take_all(self, buffers: TakeBuffers) -> bool:
         queue, items, has_samples = self.queue, self.queue.items, False
         size_of, unref, payload_offset = self._size_of, self._unref, self._payload_offset
-        hooks, samples = self._fast_dds_hooks, buffers.samples
+        identities, samples = self._identities, buffers.samples
         count = _BATCH
         while count == _BATCH:
             count = self._take(self.entity, *buffers.arguments)
@@ -336,11 +337,11 @@ class CycloneReader(_CycloneEndpoint):
                     continue
                 size = size_of(sample)
                 data: Payload | None = None
-                if hooks is not None and hooks.sends:
-                    data = hooks.with_embedded_identity(sample, size)
+                if identities is not None and identities.sends:
+                    data = identities.with_embedded_identity(sample, size)
                 if data is not None:
                     unref(sample)
-                elif payload_offset is None:  # the probe did not find the payload in this library
+                elif payload_offset is None:  # not found in this library: docs/internals/cyclone_memory.md 2
                     data = self._copy_payload(sample, size)
                 elif size < _LARGE_SAMPLE_BYTES:
                     # Samples of up to 256 bytes return to a pool of their domain, so a view could not outlive it.

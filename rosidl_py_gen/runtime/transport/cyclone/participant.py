@@ -9,13 +9,11 @@ from __future__ import annotations
 import itertools
 import os
 import threading
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 
-from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.api import (
@@ -28,23 +26,17 @@ from rosidl_py_gen.runtime.transport.api import (
     EndpointSpec,
     EntityLost,
     NodeEntities,
-    ParticipantDiscovered,
     SecurityEnclave,
     SecurityError,
     Sink,
     TransportError,
 )
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
-from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain, wait_for_others
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
-    EarlySampleReaders,
-    request_endpoints,
-    request_samples,
-)
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PROBE_TYPE, FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers, FastDdsSupport
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.security import (
     CAPABILITY,
@@ -56,7 +48,6 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
     security_properties,
 )
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
-from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds, is_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import BUFFER_SUFFIX, participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
@@ -66,24 +57,13 @@ from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effecti
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
-_MATCH_DELAY_S = 0.002
-"""Delay of the request for early samples after a Fast DDS writer was discovered, in seconds. Cyclone matches the writer
-after some 50 us without notification, later on a busy machine. After 10 ms Cyclone sends a request of its own, and Fast
-DDS ignores later requests."""
 
-_NO_ENDPOINTS_DELAY_S = 6.0
-"""Delay of the check whether a secured Fast DDS peer has announced endpoints, in seconds. The security handshake takes
-a second, on a busy machine several."""
-_NO_ENDPOINTS = (
-    "security: a peer on Fast DDS was found, but no endpoints of it; probably a message of its handshake with Cyclone "
-    "DDS was lost, which is sent once. Restart this process or the peer"
-)
-"""Warning about a secured Fast DDS peer without endpoints. Source: docs/internals/dds.md 12."""
-
-_library = library.find()
-_api = c_api.CycloneApi(_library.handle)
-_fast_dds = FastDdsInterop(_api, _library.unsupported_elements)
-_security_log = SecurityLog(_api)
+LIBRARY = library.find()
+API = c_api.CycloneApi(LIBRARY.handle)
+"""Functions of the loaded library."""
+FAST_DDS_SUPPORT = FastDdsSupport(API, LIBRARY.unsupported_elements)
+"""What the loaded library supports with peers on Fast DDS."""
+_security_log = SecurityLog(API)
 
 
 class CycloneTransport:
@@ -103,7 +83,7 @@ def _usable_security(enclave: SecurityEnclave | None) -> SecurityEnclave | None:
     Raises:
         SecurityError: security is enforced, and the library does not support it.
     """
-    plugins = find_plugins(_library) if enclave is not None else {}
+    plugins = find_plugins(LIBRARY) if enclave is not None else {}
     if enclave is None or not isinstance(plugins, str):
         return enclave
     if enclave.is_enforced:
@@ -122,8 +102,8 @@ def _configuration(settings: DomainSettings) -> str:
         settings,
         process_id=os.getpid(),
         extra=DEFAULT_CONFIG,
-        last=no_shared_memory if _api.qset_psmx_instances is None else "",
-        unsupported=_library.unsupported_elements,
+        last=no_shared_memory if API.qset_psmx_instances is None else "",
+        unsupported=LIBRARY.unsupported_elements,
     )
 
 
@@ -134,8 +114,7 @@ class CycloneParticipant:
     incompatibility_reason = staticmethod(qos_incompatibility)
 
     def __init__(self, settings: DomainSettings, enclave: str) -> None:
-        self.api = _api
-        self.fast_dds = _fast_dds
+        self.api = API
         self.endpoint_index = EndpointIndex()
         self._entity_numbers = itertools.count(1)
         self._discovery_info: DiscoveryInfoTopic | None = None
@@ -158,7 +137,7 @@ class CycloneParticipant:
         """
         self._buffer_lock = threading.Lock()
         self.buffers = TakeBuffers()
-        self._is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
+        is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         self._security = security = _usable_security(settings.security)
         self._governance: Governance | None = None
         self._only_data_reason = ""
@@ -167,48 +146,48 @@ class CycloneParticipant:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
             folder = "" if security is None else security.folder
-            self.domain = Domain.join(_api, _fast_dds, self.domain_id, _configuration(settings), folder)
+            self.domain = Domain.join(API, FAST_DDS_SUPPORT, self.domain_id, _configuration(settings), folder)
             undo.callback(self.domain.leave)
-            self.listener: int = _api.create_listener(None)
-            undo.callback(_api.delete_listener, self.listener)
+            self.listener: int = API.create_listener(None)
+            undo.callback(API.delete_listener, self.listener)
             # Cyclone's threads write the handle of a reader with samples into the pipe, without Python and the GIL.
-            _api.lset_data_available_arg(self.listener, putw, self.pipe.stream, True)
-            self._early = EarlySampleReaders(_api, _fast_dds, self.listener)
-            undo.callback(self._early.close)
+            API.lset_data_available_arg(self.listener, putw, self.pipe.stream, True)
+            self.fast_dds = FastDdsPeers(
+                self.domain.fast_dds, self.listener, is_local=is_local, is_secured=security is not None
+            )
+            undo.callback(self.fast_dds.close)
+            self.uses_sample_identity = self.fast_dds.uses_sample_identity
             if security is not None:
                 _security_log.open(self._report_soon)
                 undo.callback(_security_log.close, self._report_soon)
             self.entity = self._create_participant(participant_user_data(enclave))
-            undo.callback(_api.delete, self.entity)
-            if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
-                # Permissions concern the name of a topic, and every ROS participant may use this one.
-                with self._naming_denied(DISCOVERY_TOPIC, is_writer=True):
-                    self.domain.types.create_topic(self.entity, DISCOVERY_TOPIC, PROBE_TYPE)
-            self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
-            self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
-            self.guid = _api.guid_of(self.entity)
+            undo.callback(API.delete, self.entity)
+            # Permissions concern the name of a topic, and every ROS participant may use this one.
+            with self._naming_denied(DISCOVERY_TOPIC, is_writer=True):
+                create_topic = partial(self.domain.types.create_topic, self.entity, DISCOVERY_TOPIC)
+                self.domain.fast_dds.drop_type_lookups(create_topic)
+            self._publisher = API.check(API.create_publisher(self.entity, None, None), "create a publisher")
+            self._subscriber = API.check(API.create_subscriber(self.entity, None, None), "create a subscriber")
+            self.guid = API.guid_of(self.entity)
+            self.fast_dds.start(self.guid)
             self.discovery = BuiltinTopicReaders(
-                *(_api, _fast_dds, self.entity, self.listener, self.pipe.stream),
-                on_new_participant=partial(request_endpoints, self.guid, is_local=self._is_local),
-                new_warnings=self._new_warnings,
+                API, self.entity, self.listener, self.pipe.stream, self.fast_dds, self._new_warnings
             )
-            # Measured with a builtin reader, because peers are not told about it (docs/internals/dds.md 2).
-            self._early.probe_layout(self.discovery.entities[0])
             self._undo = undo.pop_all()
 
     def _create_participant(self, user_data: bytes) -> int:
         security, domain_id = self._security, self.domain_id
         if security is None:
-            with new_qos(_api, user_data) as qos:
+            with new_qos(API, user_data) as qos:
                 activity = f"create a participant in domain {domain_id}"
-                return _api.check(_api.create_participant(domain_id, qos, None), activity)
-        plugins = find_plugins(_library)
+                return API.check(API.create_participant(domain_id, qos, None), activity)
+        plugins = find_plugins(LIBRARY)
         assert isinstance(plugins, dict)
         properties = security_properties(security, plugins)
-        with new_qos(_api, user_data, properties) as qos, _security_log.captured() as lines:
-            code: int = _api.create_participant(domain_id, qos, None)
+        with new_qos(API, user_data, properties) as qos, _security_log.captured() as lines:
+            code: int = API.create_participant(domain_id, qos, None)
         if code < 0:
-            raise creation_error(security, domain_id, f"{_api.strretcode(code).decode()}, {code}", lines)
+            raise creation_error(security, domain_id, f"{API.strretcode(code).decode()}, {code}", lines)
         self._governance = Governance(security.folder, domain_id)
         self._only_data_reason = self._governance.only_data_reason()
         return code
@@ -222,38 +201,37 @@ class CycloneParticipant:
             putw(self.discovery.entities[0], self.pipe.stream)
 
     def _new_warnings(self) -> list[str]:
-        warnings = _fast_dds.new_warnings()
+        warnings = self.fast_dds.new_warnings()
         if self._security is None:
             return warnings
-        if self._only_data_reason and has_secured_fast_dds():
+        if self._only_data_reason and self.fast_dds.has_secured_peers():
             rule, self._only_data_reason = self._only_data_reason, ""
             warnings.append(f"security: a peer on Fast DDS was found, and {rule}")
         return [*warnings, *_security_log.new_records()]
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        return _fast_dds.refusal
+        return FAST_DDS_SUPPORT.refusal
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
         """Return the reason why Fast DDS servers of a service cannot be used; None if they can be used."""
         rule = self._governance and self._governance.only_data_reason(wire_name(service.topic_keys[0]))
-        return rule or _fast_dds.refusal
+        return rule or FAST_DDS_SUPPORT.refusal
 
     @property
     def library(self) -> str:
-        return str(_library)
+        return str(LIBRARY)
 
     @property
     def capabilities(self) -> dict[str, str]:
-        _ = self.fast_dds.slots  # probes whether services are available
-        plugins = find_plugins(_library)
-        return {**self.fast_dds.capabilities(), CAPABILITY: plugins if isinstance(plugins, str) else "yes"}
+        plugins = find_plugins(LIBRARY)
+        return {**FAST_DDS_SUPPORT.capabilities(), CAPABILITY: plugins if isinstance(plugins, str) else "yes"}
 
     def create_writer(self, spec: EndpointSpec) -> CycloneWriter:
         spec = replace(spec, qos=effective(spec.qos, is_writer=True))
         names = wire_name(spec.topic_key), wire_type(spec.type)
-        with endpoint_qos(_api, spec, is_writer=True) as qos, self._naming_denied(names[0], is_writer=True):
-            entity = self._create(_api.create_writer, self._publisher, names, qos, None)
+        with endpoint_qos(API, spec, is_writer=True) as qos, self._naming_denied(names[0], is_writer=True):
+            entity = self._create(API.create_writer, self._publisher, names, qos, None)
         return CycloneWriter(self, entity, *names)
 
     def create_reader(self, spec: EndpointSpec) -> CycloneReader:
@@ -269,7 +247,7 @@ class CycloneParticipant:
             reader = CycloneReader(self, self._create_reader(spec, names), *names, spec.qos)
         except BaseException:
             if second is not None:
-                _api.delete(second)
+                API.delete(second)
                 self.release_topic(*buffer_names)
             raise
         if second is not None:
@@ -281,9 +259,9 @@ class CycloneParticipant:
         return reader
 
     def _create_reader(self, spec: EndpointSpec, names: tuple[str, str]) -> int:
-        with endpoint_qos(_api, spec, is_writer=False) as qos, self._naming_denied(names[0], is_writer=False):
-            create = partial(self._create, _api.create_reader, self._subscriber, names, qos)
-            return self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
+        with endpoint_qos(API, spec, is_writer=False) as qos, self._naming_denied(names[0], is_writer=False):
+            create = partial(self._create, API.create_reader, self._subscriber, names, qos)
+            return self.fast_dds.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
 
     def _create_buffer_reader(self, spec: EndpointSpec, names: tuple[str, str]) -> int | None:
         """Create a reader of the topic to which publishers of Lyrical send buffers, and return its handle.
@@ -362,7 +340,7 @@ class CycloneParticipant:
             raise ClosedError("this participant is closed")
         handle, (topic, type) = self._acquire_topic(*names), names
         try:
-            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {topic} ({type})")
+            return API.check(create(parent, handle, qos, listener), f"create an endpoint of {topic} ({type})")
         except BaseException:
             self.release_topic(*names)
             raise
@@ -392,7 +370,7 @@ class CycloneParticipant:
                 if len(self._idle_topics) > _MAX_IDLE_TOPICS:
                     oldest = next(iter(self._idle_topics))
                     del self._idle_topics[oldest]
-                    _api.delete(self._topics.pop(oldest)[0])
+                    API.delete(self._topics.pop(oldest)[0])
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         def apply(events: list[DiscoveryEvent]) -> None:
@@ -403,57 +381,12 @@ class CycloneParticipant:
         self._discovery_info = discovery_info = DiscoveryInfoTopic(self, apply, self._ros_distro, lock)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
-            self._schedule_sample_request(events)
+            self.fast_dds.on_events(events, self.readers, self.discovery.guids)
             self._follow_buffers(events)
-            if self._security is not None:
-                self._schedule_endpoint_check(events)
             discovery_info.forward_events(events)
 
         self.discovery.sink = on_events
         self.pipe.notify(self.discovery.entities[0])
-
-    def _schedule_sample_request(self, events: list[DiscoveryEvent]) -> None:
-        """Schedule a request for early samples of new Fast DDS writers, after Cyclone had time to match the writers."""
-        new = [
-            event
-            for event in events
-            if isinstance(event, DiscoveredEndpoint)
-            and event.is_writer
-            and event.qos.reliability is Reliability.RELIABLE
-            and self.discovery.fast_dds_addresses(event.guid)
-        ]
-        loop = current_loop()
-        if new and loop is not None:
-            loop.call_later(_MATCH_DELAY_S, self._request_samples, new)
-
-    def _schedule_endpoint_check(self, events: list[DiscoveryEvent]) -> None:
-        """Schedule a check that warns if a new secured Fast DDS peer has announced no endpoints by then."""
-        new = [one.guid for one in events if isinstance(one, ParticipantDiscovered) and is_secured_fast_dds(one.guid)]
-        loop = current_loop()
-        if new and loop is not None:
-            loop.call_later(_NO_ENDPOINTS_DELAY_S, self.warn_without_endpoints, new)
-
-    def warn_without_endpoints(self, participants: list[bytes]) -> None:
-        """Warn if a secured Fast DDS peer has announced no endpoints; `participants` are the GUIDs of the peers."""
-        prefixes = {guid[:GUID_PREFIX_BYTES] for guid in [*self.discovery.guids.values()]}
-        if not self._closed and any(
-            is_secured_fast_dds(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants
-        ):
-            get_root_logger().warning(_NO_ENDPOINTS)
-
-    def _request_samples(self, writers: list[DiscoveredEndpoint]) -> None:
-        readers: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)
-        for reader in list(self.readers.values()):
-            if reader.is_reliable:
-                readers[reader.topic, reader.type].append(reader.guid)
-        pairs: defaultdict[str, list[tuple[bytes, bytes]]] = defaultdict(list)
-        for writer in writers:
-            addresses = self.discovery.fast_dds_addresses(writer.guid)
-            if addresses is not None:  # the writer may have disappeared
-                guids = readers.get((writer.wire_name, writer.wire_type), ())
-                pairs[addresses] += [(guid, writer.guid) for guid in guids]
-        for addresses, of_participant in pairs.items():
-            request_samples(of_participant, addresses, is_local=self._is_local)
 
     def report_discovery(self) -> None:
         self.discovery.report()
@@ -506,4 +439,3 @@ class CycloneParticipant:
         self.is_deleted = True
         wait_for_others(self.deleting)
         self._undo.close()
-        self.discovery.close()

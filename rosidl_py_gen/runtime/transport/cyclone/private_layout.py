@@ -7,7 +7,7 @@ Memory is read through a pipe (`SafeMemoryReader`) if it may be unmapped; direct
 returned; and directly where an object of the same kind was read through the pipe before. In the third case the content
 is compared with expectations before anything is changed.
 
-Source: docs/internals/dds.md 2.
+What each structure is needed for, and what happens without it: docs/internals/cyclone_memory.md 1 to 9.
 """
 
 from __future__ import annotations
@@ -117,6 +117,7 @@ class SafeMemoryReader:
 
 
 # --------------------------------------------------------------------------------------------------------------- types
+# Type objects (sertypes), their vtables, and the type of type lookups: docs/internals/cyclone_memory.md 3, 4 and 9.
 
 
 def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, version: int) -> int | None:
@@ -125,6 +126,7 @@ def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, versio
     The vtable of a sertype begins with `version`.
     """
     for address in words:
+        # Most words are no pointers: only aligned addresses are followed, through the pipe.
         head = () if address % WORD or address < _PAGE else peek.words(address, 8 * WORD)
         is_type = len(head) == 8 and peek.word(head[0]) == version
         if is_type and any(peek(word, len(name) + 1) == name + b"\0" for word in head[2:]):
@@ -168,6 +170,7 @@ def replace_vtable_function(type_object: int, which: int, slot: int, function: i
 
     The copy is never freed. Sertypes that had the same vtable get the same copy.
     """
+    # Written: the address of the vtable. Cyclone's own vtable is constant memory of the library, and stays as it is.
     key = vtable_address(type_object, which), slot, function
     table = _immortal_vtables.setdefault(key, copy_vtable(type_object, which))
     table[slot] = function
@@ -175,6 +178,7 @@ def replace_vtable_function(type_object: int, which: int, slot: int, function: i
 
 
 # -------------------------------------------------------------------------------------------------- tables and samples
+# Slots of vtables, payload and size of samples: docs/internals/cyclone_memory.md 2, 4 and 5.
 
 
 class VtableSlots(NamedTuple):
@@ -257,6 +261,7 @@ def probe_size_offset(api: CycloneApi, type_object: int, payload_offset: int) ->
 
 def hide_sample_tail(api: CycloneApi, sample: int, size_offset: int, count: int) -> bool:
     """Reduce the size field of a sample by `count` bytes; return False, unchanged, if Cyclone reports another size."""
+    # Written: the size. Cyclone frees the sample by its allocated size, which is another field.
     size, number = api.serdata_size(sample), ct.c_uint32.from_address(sample + size_offset)
     if number.value + 4 != size:
         return False
@@ -278,6 +283,7 @@ def write_iovec(iov: int, address: int, size: int) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------- readers
+# The flag that makes a reader request early samples: docs/internals/cyclone_memory.md 8.
 
 
 class ReaderOffsets(NamedTuple):
@@ -328,7 +334,7 @@ def set_requests_history(entity: int, offsets: ReaderOffsets, guid: bytes, is_re
     has_reliable_flag = bool(data[-1] & _RELIABLE_FLAG)
     if is_reliable not in (None, has_reliable_flag):
         return f"the flags of a reader, {data[-1]:#x}"
-    if has_reliable_flag:
+    if has_reliable_flag:  # written: one bit of the flags, which Cyclone reads while it matches writers
         ct.c_ubyte.from_address(reader + offsets.flags).value |= _REQUESTS_HISTORY_FLAG
     return None
 
@@ -339,6 +345,7 @@ def _head_of_reader(guid: bytes) -> bytes:
 
 
 # ------------------------------------------------------------------------------------------------------------- packets
+# Sample identities in RTPS packets: docs/internals/cyclone_memory.md 6 and 7.
 
 
 class PacketAccess:
@@ -362,7 +369,7 @@ class PacketAccess:
             data = read(fragment, _received_fragment.size).ljust(_received_fragment.size, b"\0")
             packet, begin, payload = _received_fragment.unpack(data)
             head = read(packet + _RECEIVED_HEAD_BYTES, payload)
-        if head[:4] != b"RTPS":
+        if head[:4] != b"RTPS":  # the offsets of another version would lead elsewhere
             raise ValueError(f"no packet: {head[:20].hex()}")
         self._has_received = True
         return head, head[begin:]
@@ -398,6 +405,7 @@ class PacketAccess:
             data = bytes_at(address, _PACKET_DATA_HEAD_BYTES + size) if address else b""
             flags = _find_flags(data, writer_id)
             if flags and size + len(inline_qos) <= capacity:
+                # Written in this order: the bytes, the size of the submessages, and the flag that announces the bytes.
                 ct.memmove(address + len(data), inline_qos, len(inline_qos))
                 ct.c_size_t.from_address(iov - _packet_head.size + _PACKET_SIZE).value = size + len(inline_qos)
                 ct.c_ubyte.from_address(address + flags).value |= INLINE_QOS_FLAG

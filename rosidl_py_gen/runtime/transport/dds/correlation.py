@@ -9,7 +9,6 @@ Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 from __future__ import annotations
 
 import struct
-import threading
 from collections.abc import Callable, Collection, Iterable
 from typing import TypeAlias
 
@@ -24,17 +23,9 @@ SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of a request; Fast DDS sends both with the request and with its reply."""
 ClientId: TypeAlias = "int | bytes"
 """Client of a request: its number on rmw_cyclonedds, the GUID of its reply reader or request writer on Fast DDS."""
+UsesSampleIdentity: TypeAlias = "Callable[[bytes], bool]"
+"""Function that returns True if the endpoint with a GUID uses sample identities, as on Fast DDS, and not headers."""
 
-FAST_DDS_VENDOR = b"\x01\x0f"
-"""RTPS vendor id of Fast DDS, with which its GUIDs begin."""
-_HASHED_BIT = 0x80
-"""Bit that is set in the first byte of a secured participant's GUID, which is a hash of the subject of its certificate
-(docs/internals/dds.md 12)."""
-_secured_fast_dds: dict[bytes, set[int]] = {}
-"""Handles of the builtin readers that have reported a secured Fast DDS participant, by the participant's GUID prefix
-(docs/internals/dds.md 12)."""
-_secured_lock = threading.Lock()
-"""Lock of changes of `_secured_fast_dds`."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _READER_BIT = 0x04
@@ -48,45 +39,6 @@ _MASK = 2**64 - 1
 _FILL = PADDING[NETWORK_ALIGN]
 _LARGE_BYTES = 1024
 """Size from which a memoryview of a message is cheaper than another copy."""
-
-
-def uses_sample_identity(guid: bytes) -> bool:
-    """Return True if a client or server with the endpoint `guid` uses sample identities (Fast DDS), and not headers."""
-    return guid.startswith(FAST_DDS_VENDOR) or (bool(_secured_fast_dds) and is_secured_fast_dds(guid))
-
-
-def has_hashed_guid(guid: bytes) -> bool:
-    """Return True if a GUID belongs to a secured participant; such a GUID does not begin with the vendor id."""
-    return bool(guid[0] & _HASHED_BIT)
-
-
-def is_secured_fast_dds(guid: bytes) -> bool:
-    """Return True if a GUID belongs to a secured participant on Fast DDS, or to an endpoint of one."""
-    return guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
-
-
-def add_secured_fast_dds(guid: bytes, reader: int) -> None:
-    """Record that a secured participant is on Fast DDS, as the builtin reader with handle `reader` has reported."""
-    with _secured_lock:
-        _secured_fast_dds.setdefault(guid[:GUID_PREFIX_BYTES], set()).add(reader)
-
-
-def has_secured_fast_dds() -> bool:
-    """Return True if a secured participant on Fast DDS is known."""
-    return bool(_secured_fast_dds)
-
-
-def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
-    """Forget a secured Fast DDS participant that a builtin reader has lost.
-
-    Without `guid`, forget all participants that only this reader, which was deleted, has reported.
-    """
-    with _secured_lock:
-        for prefix in [guid[:GUID_PREFIX_BYTES]] if guid else [*_secured_fast_dds]:
-            readers = _secured_fast_dds.get(prefix, set())
-            readers.discard(reader)
-            if not readers:
-                _secured_fast_dds.pop(prefix, None)
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
@@ -154,6 +106,7 @@ def find_servers(
     clients: Iterable[DiscoveredEndpoint],
     refusal: str | None,
     is_compatible: Callable[[DiscoveredEndpoint], bool],
+    uses_sample_identity: UsesSampleIdentity,
 ) -> tuple[ServerAvailability, bool]:
     """Find the servers that a client can call.
 
@@ -166,6 +119,7 @@ def find_servers(
         clients: all discovered request writers, the client's included.
         refusal: reason why Fast DDS servers cannot be used; None if they can be used.
         is_compatible: returns False for an endpoint with another definition of the service, which must not be used.
+        uses_sample_identity: returns True for the GUID of an endpoint on Fast DDS.
 
     Returns:
         The availability, and True if requests need a sample identity, because a matched server is on Fast DDS.
@@ -199,9 +153,11 @@ class ClientCorrelation:
         handle: number that no other client has (docs/internals/protocol.md 5.1).
         reader: GUID of the client's reply reader.
         writer: GUID of the client's request writer.
+        server_uses_identity: returns True for the GUID of a server that uses sample identities.
     """
 
-    def __init__(self, handle: int, reader: bytes, writer: bytes) -> None:
+    def __init__(self, handle: int, reader: bytes, writer: bytes, server_uses_identity: UsesSampleIdentity) -> None:
+        self._server_uses_identity = server_uses_identity
         self._handle = handle
         self._reader = reader
         self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
@@ -258,7 +214,7 @@ class ClientCorrelation:
         client, number, begin = parse_request_header(data)
         if client not in self._own_ids:  # all clients of a service receive all replies
             return None
-        if server is not None and uses_sample_identity(server):
+        if server is not None and self._server_uses_identity(server):
             if not isinstance(client, bytes):
                 return None
             self._answered.add(server[:GUID_PREFIX_BYTES])

@@ -27,16 +27,16 @@ from rosidl_py_gen.runtime.transport.api import (
     EntityLost,
     NodeEntities,
     NodesAnnounced,
-    Participant,
     Payload,
     Reader,
     TopicKey,
 )
-from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
+
+    from rosidl_py_gen.runtime.transport.dds.services import ServiceParticipant
 
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
@@ -181,7 +181,7 @@ class DiscoveryInfoTopic:
 
     def __init__(
         self,
-        participant: Participant,
+        participant: ServiceParticipant,
         sink: Callable[[list[DiscoveryEvent]], None],
         ros_distro: str = "",
         report_lock: threading.RLock | None = None,
@@ -272,7 +272,7 @@ class DiscoveryInfoTopic:
         self._writer_has_hash[guid] = has_hash
         self._lost_writers.pop(guid, None)
         # Those on Cyclone DDS may be of this package.
-        if guid not in self._heard_writers and (not has_hash or uses_sample_identity(guid)):
+        if guid not in self._heard_writers and (not has_hash or self._participant.uses_sample_identity(guid)):
             self._set_layout(guid, not has_hash)
 
     def _is_humble(self, writer: bytes, message: NodesAnnounced) -> bool | None:

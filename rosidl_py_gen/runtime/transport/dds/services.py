@@ -34,7 +34,6 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     is_reply_reader_matched,
     parse_request_header,
     strip_request_header,
-    uses_sample_identity,
 )
 from rosidl_py_gen.runtime.transport.dds.names import entity_id
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache
@@ -66,6 +65,9 @@ class ServiceParticipant(Participant, Protocol):
     def service_refusal(self, service: ServiceSpec) -> str | None:
         """Return the reason why Fast DDS servers of a service cannot be used; None if they can be used."""
 
+    def uses_sample_identity(self, guid: bytes) -> bool:
+        """Return True if the participant or endpoint `guid` is on Fast DDS: it uses sample identities, not headers."""
+
     def next_gid(self) -> bytes:
         """Return the 16 bytes that identify a new client or server in ROS."""
 
@@ -85,6 +87,7 @@ class _EndpointPair:
         self, participant: ServiceParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
         self._participant = participant
+        self._uses_sample_identity = participant.uses_sample_identity
         self._index = participant.endpoint_index
         self._service = service
         self._topic_keys = self._requests, self._replies = service.topic_keys
@@ -126,7 +129,7 @@ class DdsClient(_EndpointPair):
         with _closed_on_failure(reader):
             writer = participant.create_writer(replace(request, client_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
-        self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
+        self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid, participant.uses_sample_identity)
         self._sent = 0
         self._in_flight: dict[int, frozenset[bytes]] = {}
         """GUIDs of the endpoints of servers that existed when a request was sent, by the number of the request."""
@@ -208,7 +211,9 @@ class DdsClient(_EndpointPair):
         matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (self._endpoints_on(self._requests, writers=writers) for writers in (False, True))
         pairs = self._index.known(matched), self._index.known(matched_writers)
-        servers, needs_identity = find_servers(*pairs, announced, clients, refusal, self._service.is_compatible)
+        servers, needs_identity = find_servers(
+            *pairs, announced, clients, refusal, self._service.is_compatible, self._uses_sample_identity
+        )
         readers = {*matched, *(reader.guid for reader in announced)}
         self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
         unusable = servers.incompatible_server
@@ -251,7 +256,7 @@ class DdsServer(_EndpointPair):
         except IndexError:  # another thread was faster
             return None
         writer = self._senders[handle]
-        if writer is not None and uses_sample_identity(writer) and extract_identity(data) is None:
+        if writer is not None and self._uses_sample_identity(writer) and extract_identity(data) is None:
             reason = self._participant.services_unavailable_reason or ""
             return None, IncompatiblePeer(writer, reason), writer, source_ns, received_ns
         try:
@@ -285,7 +290,7 @@ class DdsServer(_EndpointPair):
         readers = self._endpoints_on(self._replies, writers=False)
         # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
         self._window.set_readers(
-            SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers
+            SERVICES_DEFAULT if self._uses_sample_identity(reader.guid) else reader.qos for reader in readers
         )
 
     def release(self) -> None:

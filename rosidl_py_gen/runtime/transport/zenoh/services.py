@@ -84,7 +84,8 @@ class ZenohClient(_ZenohServiceEndpoint):
 
     def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
         self._sent = 0
-        self._in_flight: dict[int, _InFlightQuery] = {}
+        self.in_flight: dict[int, _InFlightQuery] = {}
+        """Queries without an end, by the number of the request."""
         self._answered: deque[int] = deque()
         """Answered queries that other servers may still answer."""
         self._servers_version = -1
@@ -115,7 +116,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         if not self._is_reachable[None]:
             return None
         number = self._sent + 1
-        query = self._in_flight[number] = _InFlightQuery(self, number)
+        query = self.in_flight[number] = _InFlightQuery(self, number)
         query_timeout_s = self._default_timeout_s
         if timeout_s is not None:
             query_timeout_s = min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S)
@@ -145,7 +146,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         return number
 
     def cancel(self, number: int) -> None:
-        query = self._in_flight.get(number)
+        query = self.in_flight.get(number)
         if query is None:
             return
         if query.is_over:
@@ -157,13 +158,13 @@ class ZenohClient(_ZenohServiceEndpoint):
 
     def _cancel(self, number: int) -> None:
         # cancel() waits for running Zenoh callbacks, so hold no lock here.
-        query = self._in_flight.pop(number, None)
+        query = self.in_flight.pop(number, None)
         if query is not None:
             query.cancel()
 
     def on_query_end(self, number: int) -> None:
         """Forget a query that has ended. Called by Zenoh; must not block or log."""
-        self._in_flight.pop(number, None)
+        self.in_flight.pop(number, None)
 
     def servers(self) -> ServerAvailability:
         self._refresh_servers()
@@ -201,15 +202,15 @@ class ZenohClient(_ZenohServiceEndpoint):
         return self._writer_by_session.get(session)
 
     def close(self) -> None:
-        for number in list(self._in_flight):  # undeclaring would end them while Zenoh's session is locked
+        for number in list(self.in_flight):  # undeclaring would end them while Zenoh's session is locked
             self._cancel(number)
         self._is_reachable.close()
         super().close()
 
     def detach_after_fork(self) -> None:
         super().detach_after_fork()
-        leak_after_fork(self._in_flight)
-        self._in_flight = {}
+        leak_after_fork(self.in_flight)
+        self.in_flight = {}
 
 
 class _InFlightQuery:
@@ -263,7 +264,8 @@ class ZenohServer(_ZenohServiceEndpoint):
     """Server of a service on Zenoh; it retains unanswered queries."""
 
     def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
-        self._queries: dict[_RequestOrigin, _UnansweredQuery] = {}
+        self.queries: dict[_RequestOrigin, _UnansweredQuery] = {}
+        """Unanswered queries by the origin of the request."""
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
         self._window = ReplyWindow(None)
@@ -303,12 +305,12 @@ class ZenohServer(_ZenohServiceEndpoint):
         """Store a query and discard the oldest if there are too many; return False for a repeated request."""
         discarded = []
         with self._queries_lock:
-            if self._closed or origin in self._queries:
+            if self._closed or origin in self.queries:
                 return False
-            self._queries[origin] = query
+            self.queries[origin] = query
             self._queries_bytes += query.size_bytes
-            while len(self._queries) > 1 and (len(self._queries) > MAX_QUERIES or self._queries_bytes > MAX_BYTES):
-                discarded.append(self.pop_query(next(iter(self._queries))))
+            while len(self.queries) > 1 and (len(self.queries) > MAX_QUERIES or self._queries_bytes > MAX_BYTES):
+                discarded.append(self.pop_query(next(iter(self.queries))))
         for old in filter(None, discarded):
             old.query.drop()
         return True
@@ -316,7 +318,7 @@ class ZenohServer(_ZenohServiceEndpoint):
     def pop_query(self, origin: _RequestOrigin) -> _UnansweredQuery | None:
         """Remove and return the query to be answered; None if it was discarded."""
         with self._queries_lock:
-            entry = self._queries.pop(origin, None)
+            entry = self.queries.pop(origin, None)
             if entry is not None:
                 self._queries_bytes -= entry.size_bytes
             return entry
@@ -355,7 +357,7 @@ class ZenohServer(_ZenohServiceEndpoint):
     def drop_requests(self, clients: Collection[bytes] | None = None) -> None:
         """Discard the requests of clients that have disappeared, by their GIDs, or all."""
         with self._queries_lock:
-            origins = [origin for origin in self._queries if clients is None or origin[0] in clients]
+            origins = [origin for origin in self.queries if clients is None or origin[0] in clients]
         for entry in filter(None, map(self.pop_query, origins)):
             entry.query.drop()
 
@@ -365,5 +367,5 @@ class ZenohServer(_ZenohServiceEndpoint):
 
     def detach_after_fork(self) -> None:
         super().detach_after_fork()
-        leak_after_fork(self._queries)
-        self._queries, self._queries_lock = {}, threading.RLock()
+        leak_after_fork(self.queries)
+        self.queries, self._queries_lock = {}, threading.RLock()

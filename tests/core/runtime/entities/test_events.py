@@ -111,10 +111,10 @@ async def test_incompatible_qos_events_name_the_policy_on_both_sides(
     for status in (*subscription_events, *publisher_events):
         assert (status.total_count, status.total_count_change, status.last_policy_kind) == (1, 1, kind)
     if world.kind == "dds":  # as Cyclone itself sees it
-        reader: Any = subscription._reader
+        participant, reader = subscription._scope.participant, subscription._reader
         found = (ctypes.c_uint32 * 8)()
         read = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int32, ctypes.c_void_p)(
-            ("dds_get_requested_incompatible_qos_status", reader._api.library)
+            ("dds_get_requested_incompatible_qos_status", participant.api.library)
         )
         await until(lambda: read(reader.entity, found) == 0 and found[0] > 0)
         assert found[2] == DDS_POLICIES[kind]

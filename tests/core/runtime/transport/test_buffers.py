@@ -6,6 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.raw_endpoints import participant_of
 from support.waiting import until
 
 from rosidl_py_gen import get_message
@@ -109,7 +110,7 @@ async def test_buffer_messages_of_a_second_publisher_arrive_after_the_first_clos
 async def test_subscription_closed_during_discovery_leaves_no_buffer_reader(dds: World) -> None:
     node = dds.node()
     node.create_subscription(Image, "image", qos=ALL)
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     (reader,) = (one for one in participant.readers.values() if one.topic == "rt/image")
     with participant.buffers.lock:
         closing = threading.Thread(target=reader.close)
@@ -126,7 +127,7 @@ async def test_late_subscription_announces_its_reader_of_the_second_topic_first(
     of_lyrical(alice)
     await until(lambda: f"/{BUFFERS}" in dict(bob.get_topic_names_and_types()))
     bob.create_subscription(Image, "image", qos=ALL)
-    participant: Any = bob._scope.participant
+    participant = participant_of(bob)
     entity_ids = {reader.topic: reader.guid[12:] for reader in participant.readers.values()}
     # Cyclone numbers endpoints in the order of their creation, which is also that of their announcements.
     assert entity_ids[f"rt/{BUFFERS}"] < entity_ids["rt/image"]

@@ -14,7 +14,6 @@ from support import raw_endpoints
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
-from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
     add_request_header,
@@ -59,6 +58,10 @@ def server(
 CYCLONE, OTHER, FAST = server(b"\1\x10\1", "a"), server(b"\1\x10\2", "b"), server(b"\1\x0f\1")
 
 
+def uses_sample_identity(guid: bytes) -> bool:
+    return guid.startswith(b"\1\x0f")
+
+
 def find(
     *servers: tuple[DiscoveredEndpoint, DiscoveredEndpoint],
     announced: tuple[DiscoveredEndpoint, ...] | None = None,
@@ -70,7 +73,9 @@ def find(
     readers = tuple(reader for reader, _ in servers)
     writers = tuple(writer for _, writer in servers) if replying is None else replying
     announced = readers if announced is None else announced
-    return find_servers(readers, writers, announced, clients, refusal, lambda endpoint: endpoint not in without)
+    return find_servers(
+        readers, writers, announced, clients, refusal, lambda one: one not in without, uses_sample_identity
+    )
 
 
 def is_available(*servers: tuple[DiscoveredEndpoint, DiscoveredEndpoint], **more: Any) -> bool:
@@ -126,16 +131,16 @@ def test_client_gid_is_made_of_cyclone_client_number_or_guid() -> None:
 # ------------------------------------------------------------------------------------------------------------- client
 
 
-def client_of(*readers: DiscoveredEndpoint, uses_sample_identity: bool = False) -> ClientCorrelation:
-    client = ClientCorrelation(HANDLE, READER, WRITER)
-    client.update_servers({reader.guid for reader in readers}, uses_sample_identity=uses_sample_identity)
+def client_of(*readers: DiscoveredEndpoint, has_fast_dds_server: bool = False) -> ClientCorrelation:
+    client = ClientCorrelation(HANDLE, READER, WRITER, uses_sample_identity)
+    client.update_servers({reader.guid for reader in readers}, uses_sample_identity=has_fast_dds_server)
     return client
 
 
 def test_requests_have_header_for_cyclone_and_identity_until_fast_dds_replied() -> None:
     plain = client_of(CYCLONE[0])
     assert plain.request(MESSAGE, 1) == (add_request_header(MESSAGE, HANDLE, 1), None)
-    client = client_of(FAST[0], uses_sample_identity=True)
+    client = client_of(FAST[0], has_fast_dds_server=True)
     assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))
     assert client.reply(embed_identity(MESSAGE, (READER, 1)), FAST[1].guid) == (1, MESSAGE)
     assert client.request(MESSAGE, 2) == (MESSAGE, None)
@@ -144,7 +149,7 @@ def test_requests_have_header_for_cyclone_and_identity_until_fast_dds_replied() 
 
 
 def test_replies_for_other_clients_are_ignored() -> None:
-    client = client_of(FAST[0], uses_sample_identity=True)
+    client = client_of(FAST[0], has_fast_dds_server=True)
     assert client.reply(add_request_header(MESSAGE, HANDLE, 7), CYCLONE[1].guid) == (7, MESSAGE)
     assert client.reply(add_request_header(MESSAGE, HANDLE + 1, 7), CYCLONE[1].guid) is None
     assert client.reply(embed_identity(MESSAGE, (bytes(16), 7)), FAST[1].guid) is None
@@ -216,14 +221,12 @@ def test_all_answered_is_true_after_a_reply_of_every_server(steps: list[str | se
     def guid(name: str) -> bytes:
         return name[0].encode() * 12 + name[1].encode() * 4
 
-    client = ClientCorrelation(HANDLE, READER, WRITER)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(correlation, "uses_sample_identity", lambda guid: True)
-        for step in steps:
-            if isinstance(step, str):
-                client.reply(embed_identity(MESSAGE, (READER, 1)), guid(step))
-            else:
-                client.update_servers(set(map(guid, step)), uses_sample_identity=True)
+    client = ClientCorrelation(HANDLE, READER, WRITER, lambda guid: True)
+    for step in steps:
+        if isinstance(step, str):
+            client.reply(embed_identity(MESSAGE, (READER, 1)), guid(step))
+        else:
+            client.update_servers(set(map(guid, step)), uses_sample_identity=True)
     assert client.all_answered() is expected
 
 

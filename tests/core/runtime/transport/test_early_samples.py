@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String
+from support.raw_endpoints import participant_of
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsSupport
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
     EarlySampleReaders,
     acknack_packet,
@@ -19,13 +21,13 @@ from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples impo
     request_endpoints,
     request_samples,
 )
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 if TYPE_CHECKING:
     from support.worlds import World
 
     from rosidl_py_gen.runtime import Node
 
+SUPPORT = cyclone.FAST_DDS_SUPPORT
 OURS, THEIRS = bytes.fromhex("01100102030405060708090a000001c1"), bytes.fromhex("010f1112131415161718191a000001c1")
 UDP4, UDP6 = socket.AF_INET, socket.AF_INET6
 
@@ -104,15 +106,15 @@ KINDS = [
 
 def flags_of(entity: int) -> int:
     """Return the flags of a reader in Cyclone."""
-    offsets = cyclone._fast_dds.reader_offsets
+    offsets = SUPPORT.reader_offsets
     assert offsets is not None
-    with cyclone._api.locked_entity(entity) as address:
+    with cyclone.API.locked_entity(entity) as address:
         reader = ct.c_uint64.from_address(address + offsets.entity).value
         return ct.c_ubyte.from_address(reader + offsets.flags).value
 
 
 def newest_reader(node: Node) -> Any:
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     return list(participant.readers.values())[-1]
 
 
@@ -137,8 +139,8 @@ def test_history_flag_is_set_before_the_first_writer_is_matched(dds: World, monk
 
 
 def test_readers_are_not_modified_if_their_layout_is_unknown(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    unknown, participant = FastDdsInterop(cyclone._api), dds.node()._scope.participant
-    early = EarlySampleReaders(cyclone._api, unknown, listener := cyclone._api.create_listener(None))
+    unknown, participant = FastDdsSupport(cyclone.API), participant_of(dds.node())
+    early = EarlySampleReaders(unknown, listener := cyclone.API.create_listener(None))
     monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
     early.probe_layout(participant.discovery.entities[0])
     reason = unknown.capabilities()["first samples of nodes on Fast DDS"]
@@ -147,17 +149,17 @@ def test_readers_are_not_modified_if_their_layout_is_unknown(dds: World, monkeyp
     assert early.create_reader(lambda listener: (listeners.append(listener), 7)[1], is_reliable=True) == 7
     assert listeners == [listener]
     early.close()
-    cyclone._api.delete_listener(listener)
+    cyclone.API.delete_listener(listener)
 
 
 def test_reader_of_unexpected_layout_is_not_modified_and_disables_the_feature(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node, known = dds.node(), cyclone._fast_dds.reader_offsets
+    node, known = dds.node(), SUPPORT.reader_offsets
     assert known is not None
-    monkeypatch.setattr(cyclone._fast_dds, "early_refusal", "")  # restored at the end
+    monkeypatch.setattr(SUPPORT, "early_refusal", "")  # restored at the end
     with monkeypatch.context() as patch:
-        patch.setattr(cyclone._fast_dds, "reader_offsets", known._replace(entity=known.entity - 16))  # another pointer
+        patch.setattr(SUPPORT, "reader_offsets", known._replace(entity=known.entity - 16))  # another pointer
         node.create_subscription(String, "topic")
-    assert "a reader, " in cyclone._fast_dds.early_refusal
+    assert "a reader, " in SUPPORT.early_refusal
     assert not flags_of(newest_reader(node).entity) & ALL

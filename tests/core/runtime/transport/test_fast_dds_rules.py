@@ -1,4 +1,4 @@
-"""Rules of `transport/cyclone/fast_dds_interop/`: `sample_identity.py` and `interop.py`.
+"""Rules of `transport/cyclone/fast_dds_interop/`: sample identities, hooks of domains, and peers of participants.
 
 Peers are our own, changed to speak as Fast DDS peers; real ones are in `tests/peers/interop` and `interop_rclpy`.
 HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
@@ -19,17 +19,19 @@ import pytest
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 from support import raw_endpoints
+from support.fast_dds import new_domain, new_peers
 from support.processes import python_process
+from support.raw_endpoints import participant_of
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import IncompatibleServiceError
 from rosidl_py_gen.runtime.transport.api import EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers, FastDdsSupport
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import INLINE_QOS_BYTES
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import DATA, DATA_FRAG, INFO_DST, INFO_SRC, INLINE_QOS_FLAG
-from rosidl_py_gen.runtime.transport.dds import correlation, services
+from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -41,24 +43,22 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.dds  # all use the loaded library
 
+SUPPORT = cyclone.FAST_DDS_SUPPORT
 FAST_GUID = b"\x01\x0f" + bytes(10) + b"\0\0\1\xc1"
 CYCLONE_GUID = b"\x01\x10" + FAST_GUID[2:]
+STRING = "std_msgs::msg::dds_::String_"
 REQUEST = "std_srvs::srv::dds_::SetBool_Request_"
 TYPES_REQUEST = "rcl_interfaces::srv::dds_::GetParameterTypes_Request_"
-READER = -1
-"""Handle of a builtin reader of participants that does not exist."""
 AS_FAST_DDS = """
 import asyncio, os, sys
 from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers
 from rosidl_py_gen.runtime.transport.dds import correlation
-from rosidl_py_gen.runtime.transport.dds import services
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
-# Every server is considered one on Fast DDS that needs the identity.
-correlation.uses_sample_identity = services.uses_sample_identity = lambda guid: True
+# Every participant is considered one on Fast DDS, so hooks are active, and servers need the identity.
+FastDdsPeers.uses_sample_identity = lambda self, guid: True
 correlation.ClientCorrelation.all_answered = lambda self: False
-cyclone._fast_dds.on_participants_pending(-1)  # clients may exist, too
 
 def answer(request):
     return Types.Response(types=[len(name) for name in request.names])
@@ -110,19 +110,15 @@ if len(sys.argv) > 1:  # leave without closing anything
 
 
 @pytest.fixture
-def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Make clients consider every server one on Fast DDS, and activate the receive hook."""
-    for module in (correlation, services):
-        monkeypatch.setattr(module, "uses_sample_identity", lambda guid: True)
+def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make participants consider every participant one on Fast DDS, which activates the receive hook."""
+    monkeypatch.setattr(FastDdsPeers, "uses_sample_identity", lambda self, guid: True)
     monkeypatch.setattr(correlation.ClientCorrelation, "all_answered", lambda self: False)
-    cyclone._fast_dds.on_participants_pending(READER)
-    yield
-    cyclone._fast_dds.forget_reader(READER)
 
 
 def vtable_of(node: Node, dds_type: str) -> int:
     """Return the address of the vtable of samples."""
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     return private_layout.vtable_address(participant.domain.types[dds_type].address, private_layout.SAMPLE_FUNCTIONS)
 
 
@@ -145,7 +141,7 @@ def with_service(node: Node, on_request: Callable[[bool], object] = bool) -> Nod
 def server_without_peers(dds: World) -> tuple[Node, Any, Any]:
     """Return a node with a service, its participant, and the plain function for received requests."""
     node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     participant.report_discovery()
     return node, participant, receive_function(node)
 
@@ -166,22 +162,60 @@ def test_vtables_of_topic_types_are_not_modified(dds: World) -> None:
 
 def test_receive_hook_is_active_only_while_fast_dds_peers_may_exist(dds: World) -> None:
     node, participant, plain = server_without_peers(dds)
-    fast_dds = participant.fast_dds
+    peers: FastDdsPeers = participant.fast_dds
     for guid, is_hooked in ((CYCLONE_GUID, False), (FAST_GUID, True)):
-        fast_dds.on_participants_pending(READER)
+        peers.on_participants_pending()
         assert receive_function(node) != plain
-        fast_dds.begin_read(READER)
-        fast_dds.end_read(READER, [ParticipantDiscovered(guid, None)])
+        peers.begin_read()
+        peers.end_read([ParticipantDiscovered(guid, None)])
         assert (receive_function(node) != plain) is is_hooked
-    fast_dds.end_read(READER, [EntityLost(FAST_GUID)])
+    peers.end_read([EntityLost(FAST_GUID)])
     assert receive_function(node) == plain
-    fast_dds.begin_read(READER)
-    fast_dds.on_participants_pending(READER)  # while discovery is read
-    fast_dds.end_read(READER, [])
+    peers.begin_read()
+    peers.on_participants_pending()  # while discovery is read
+    peers.end_read([])
     assert receive_function(node) != plain
-    fast_dds.forget_reader(READER)
     participant.report_discovery()
     assert receive_function(node) == plain
+
+
+def test_peers_of_another_domain_and_of_closed_participants_activate_no_receive_hook(dds: World) -> None:
+    node, participant, plain = server_without_peers(dds)
+    other = new_domain()
+    peers = [new_peers(domain) for domain in (other, participant.domain.fast_dds)]
+    for one in peers:
+        one.end_read([ParticipantDiscovered(FAST_GUID, None)])
+    peers[0].on_participants_pending()
+    assert receive_function(node) == plain
+    peers[1].on_participants_pending()
+    assert receive_function(node) != plain
+    for one in peers:
+        one.close()
+    assert receive_function(node) == plain and not other.members and len(participant.domain.fast_dds.members) == 1
+
+
+def test_closed_domain_retains_no_peers_and_returns_its_hooks(dds: World) -> None:
+    context = dds.context()
+    participant = participant_of(with_service(dds.node("ours", context=context)))
+    peers, domain = participant.fast_dds, participant.domain
+    hooks = domain.fast_dds.identities_of(domain.types[REQUEST].address)
+    peers.end_read([ParticipantDiscovered(FAST_GUID, None)])
+    assert hooks.is_lent and peers.may_exist() and domain.fast_dds.members == {peers}
+    context.close()
+    assert not hooks.is_lent and not peers.may_exist() and not domain.fast_dds.members
+    reopened = participant_of(with_service(dds.node("again"))).domain
+    assert reopened is not domain and reopened.fast_dds.identities_of(reopened.types[REQUEST].address) is hooks
+
+
+def test_hooks_are_lent_to_one_domain_at_a_time_and_reused(dds: World) -> None:
+    _, participant, _ = server_without_peers(dds)
+    support, types = FastDdsSupport(cyclone.API), participant.domain.types
+    first = support.lend_hooks(types[REQUEST], is_reply=False)
+    second = support.lend_hooks(types[REQUEST], is_reply=False)
+    assert first is not None and second is not None and first is not second
+    assert support.lend_hooks(types[REQUEST], is_reply=True) not in (first, second)
+    support.release_hooks(first)
+    assert support.lend_hooks(types[REQUEST], is_reply=False) is first
 
 
 @pytest.mark.slow
@@ -223,8 +257,7 @@ async def test_calls_with_sample_identity_work_between_processes_with_packet_los
             request = GetParameterTypes.Request(names=["x" * (index % 5) for index in range(count)])
             response = await types.call(request, timeout_s=25)
             assert bytes(response.types) == bytes(index % 5 for index in range(count))
-    fast_dds: Any = cyclone._fast_dds
-    assert fast_dds.refusal is None
+    assert SUPPORT.refusal is None
 
 
 @pytest.mark.slow
@@ -276,50 +309,52 @@ def test_library_of_unknown_layout_is_refused_and_not_modified(
     dds: World, probe: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
+    participant = participant_of(node)
     before = vtable_of(node, REQUEST)
     monkeypatch.setattr(private_layout, probe, lambda *_: None)
-    fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.prepare(participant.domain.types[REQUEST], REQUEST)
+    fast_dds = FastDdsSupport(cyclone.API)
+    new_domain(fast_dds).prepare(participant.domain.types[REQUEST], REQUEST)
     assert vtable_of(node, REQUEST) == before
     assert fast_dds.refusal is not None and "in this library" in fast_dds.refusal
     assert fast_dds.capabilities()["services of nodes on Fast DDS"] == fast_dds.refusal
 
 
 def test_samples_without_constant_payload_offset_are_copied(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    participant: Any = with_service(dds.node("ours"))._scope.participant
-    fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.prepare(participant.domain.types[REQUEST]._replace(payload_offset=None), REQUEST)
+    participant = participant_of(with_service(dds.node("ours")))
+    fast_dds = FastDdsSupport(cyclone.API)
+    without_offset = participant.domain.types[REQUEST]._replace(payload_offset=None)
+    new_domain(fast_dds).prepare(without_offset, REQUEST)
     assert fast_dds.refusal == "payloads do not have a constant offset in samples"
     node = dds.node("other")
     monkeypatch.setattr(private_layout, "probe_payload_offset", lambda *_: None)
-    publisher, subscription = node.create_publisher(String, "topic"), node.create_subscription(String, "topic")
+    publisher, reader = node.create_publisher(String, "topic"), raw_endpoints.reader(node, "rt/topic", STRING)
     for text in ("small", "x" * 100_000):
         publisher.publish(String(data=text))
-        assert String.decode(subscription._items.popleft()[0]).data == text
+        assert String.decode(reader.queue.items.popleft()[0]).data == text
 
 
 def test_fast_dds_services_are_refused_in_a_32_bit_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(private_layout, "WORD", 4)
-    assert FastDdsInterop(cyclone._api).refusal == "not tested on Linux with 32 bits, little-endian"
+    assert FastDdsSupport(cyclone.API).refusal == "not tested on Linux with 32 bits, little-endian"
 
 
 def test_refusal_is_warned_about_once_when_a_fast_dds_peer_appears() -> None:
-    fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.refusal = "a test"
-    fast_dds.end_read(READER, [ParticipantDiscovered(CYCLONE_GUID, None)])
-    assert fast_dds.new_warnings() == []
-    fast_dds.end_read(READER, [ParticipantDiscovered(FAST_GUID, None)])
-    assert fast_dds.new_warnings() == ["services of Fast DDS nodes cannot be used here, topics can: a test"]
-    assert fast_dds.new_warnings() == []
-    fast_dds.lookup_refusal = "another"
-    assert [warning.endswith("may end this process: another") for warning in fast_dds.new_warnings()] == [True]
+    support = FastDdsSupport(cyclone.API)
+    peers = new_peers(new_domain(support))
+    support.refusal = "a test"
+    peers.end_read([ParticipantDiscovered(CYCLONE_GUID, None)])
+    assert peers.new_warnings() == []
+    peers.end_read([ParticipantDiscovered(FAST_GUID, None)])
+    assert peers.new_warnings() == ["services of Fast DDS nodes cannot be used here, topics can: a test"]
+    assert peers.new_warnings() == []
+    support.lookup_refusal = "another"
+    assert [warning.endswith("may end this process: another") for warning in peers.new_warnings()] == [True]
 
 
 async def test_unknown_build_refuses_fast_dds_services_but_topics_work(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cyclone._fast_dds, "refusal", "this build is not known")
+    monkeypatch.setattr(SUPPORT, "refusal", "this build is not known")
     alice, bob = dds.pair()
     publisher = alice.create_publisher(String, "topic")
     subscription = bob.create_subscription(String, "topic")
@@ -331,7 +366,7 @@ async def test_unknown_build_refuses_fast_dds_services_but_topics_work(
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
         found = raw_endpoints.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)
-        bob._scope.participant.discovery.sink([found])
+        participant_of(bob).discovery.sink([found])
     with pytest.raises(IncompatibleServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         await client.wait_for_service(timeout_s=10)
     with pytest.raises(IncompatibleServiceError, match=r"Topics work with it.*this build is not known"):
@@ -372,7 +407,7 @@ def packet(kind: int = DATA, *, writer: bytes = WRITER, number: int = 0, source:
     ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
 )
 def test_inline_qos_is_appended_only_to_packets_of_known_layout(made: Packet, is_known: bool) -> None:
-    fast_dds = FastDdsInterop(cyclone._api)
+    fast_dds = FastDdsSupport(cyclone.API)
     before, size = made.data.raw, made.words[2]
     fast_dds.append_inline_qos(made.iov, WRITER, INLINE_QOS)
     changed = [index for index, (old, new) in enumerate(zip(before, made.data.raw, strict=True)) if old != new]
@@ -383,7 +418,7 @@ def test_inline_qos_is_appended_only_to_packets_of_known_layout(made: Packet, is
 
 def test_stale_packet_addresses_are_not_mistaken_for_the_packet() -> None:
     # Cyclone does not clear this memory: it may contain the address twice, or the address of an older packet.
-    fast_dds, first, older = FastDdsInterop(cyclone._api), packet(number=7), packet(number=6)
+    fast_dds, first, older = FastDdsSupport(cyclone.API), packet(number=7), packet(number=6)
     first.words[18] = first.words[19]
     first.words[16] = first.words[30] = older.words[19]
     before = older.data.raw
@@ -405,7 +440,7 @@ def test_stale_packet_addresses_are_not_mistaken_for_the_packet() -> None:
 
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
 def test_complete_or_foreign_packets_are_not_modified_and_cause_no_refusal(word: int, value: int) -> None:
-    fast_dds = FastDdsInterop(cyclone._api)
+    fast_dds = FastDdsSupport(cyclone.API)
     made = packet()
     made.words[word] = value
     before = made.data.raw
@@ -441,7 +476,8 @@ async def test_ctrl_c_is_raised_after_the_send_hook_returned_to_cyclone(dds: Wor
     with python_process(SERVER):
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
-        hooks = cyclone._fast_dds.hooks_of(types._scope.participant.domain.types[TYPES_REQUEST].address)
+        domain = participant_of(types).domain
+        hooks = domain.fast_dds.identities_of(domain.types[TYPES_REQUEST].address)
         with interrupted(hooks) as calls:
             types.send_request(GetParameterTypes.Request(names=["x"]))
         assert len(calls) == 1
@@ -457,7 +493,7 @@ async def test_calls_are_refused_after_unexpected_data_disabled_the_hooks(
 ) -> None:
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     await client.call(SetBool.Request(), timeout_s=10)
-    monkeypatch.setattr(cyclone._fast_dds, "refusal", None)  # restored at the end
-    cyclone._fast_dds.disable("a test")
+    monkeypatch.setattr(SUPPORT, "refusal", None)  # restored at the end
+    SUPPORT.disable("a test")
     with pytest.raises(IncompatibleServiceError, match="unexpected data in Cyclone DDS: a test"):
         await client.call(SetBool.Request(), timeout_s=10)

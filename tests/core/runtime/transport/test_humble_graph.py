@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.announced_types import humble_node
+from support.raw_endpoints import participant_of
 from support.waiting import until
 
 from rosidl_py_gen import get_message
@@ -69,8 +70,8 @@ class Formats:
     """Formats of the graph messages of a node's context, as another one receives them."""
 
     def __init__(self, observer: Node, observed: Node) -> None:
-        participant: Any = observer.context._core.participant
-        self._prefix = observed.context._core.participant.guid[:12]
+        participant = participant_of(observer)
+        self._prefix = participant_of(observed).guid[:12]
         self._reader = participant.create_reader(EndpointSpec(KEY, TYPE, QoSProfile().keep_all().transient_local()))
         self._last: bool | None = None
 
@@ -98,6 +99,7 @@ class SingleParticipant:
         self.guid, self.sender, self.is_humble = GUID, b"", False
         self.queue, self.items, self.events = self, deque[Any](), list[Any]()
         self.create_reader = self.create_writer = lambda spec: self
+        self.uses_sample_identity = lambda guid: guid == LATER.guid
         self.fetch, self.set_sink, self.writer_guid = bool, bool, lambda _: self.sender
         self.topic = discovery_info.DiscoveryInfoTopic(self, self.events.extend)
         self.topic.announce({1: NODES[0]})

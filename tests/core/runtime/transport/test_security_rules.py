@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.fast_dds import fast_dds_property, new_peers
 
 from rosidl_py_gen.runtime.transport.cyclone import security
 from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
 from rosidl_py_gen.runtime.transport.cyclone.security import Governance
-from rosidl_py_gen.runtime.transport.dds import correlation
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from support.worlds import World
 
 RULE = """<topic_rule><topic_expression>{}</topic_expression>
 <metadata_protection_kind>{}</metadata_protection_kind><data_protection_kind> {} </data_protection_kind></topic_rule>"""
@@ -208,36 +207,37 @@ def test_security_plugins_of_another_build_are_refused(tmp_path: Path) -> None:
     assert "libdds_security_auth.so belongs to another library, /usr/lib/" in reason and "would crash" in reason
 
 
-def test_secured_fast_dds_participants_are_recognized_by_registered_guids() -> None:
+@pytest.mark.dds
+def test_secured_fast_dds_participants_are_recognized_in_the_domain_that_discovered_them() -> None:
+    peers, other = new_peers(), new_peers()
     hashed, cyclone, fast = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "0110", "010f"))
-    assert [*map(correlation.has_hashed_guid, (hashed, cyclone, fast))] == [True, False, False]
-    assert [*map(correlation.uses_sample_identity, (hashed, cyclone, fast))] == [False, False, True]
-    for reader in (1, 2, 3):
-        correlation.add_secured_fast_dds(hashed, reader)
-    assert correlation.uses_sample_identity(hashed[:12] + b"\0\0\1\4") and correlation.has_secured_fast_dds()
-    correlation.discard_secured_fast_dds(1, hashed)  # lost
-    correlation.discard_secured_fast_dds(2)  # the context is closed
-    assert correlation.uses_sample_identity(hashed)
-    correlation.discard_secured_fast_dds(3)
-    correlation.discard_secured_fast_dds(3, hashed)
-    assert not correlation.uses_sample_identity(hashed) and not correlation.has_secured_fast_dds()
+    assert [*map(peers.vendor_of, (hashed, cyclone, fast))] == [b"", b"\1\x10", b"\1\x0f"]
+    assert [*map(peers.uses_sample_identity, (hashed, cyclone, fast))] == [False, False, True]
+    peers.on_participant(hashed, lambda name: "")  # on Cyclone DDS
+    assert not peers.has_secured_peers()
+    for one in (peers, other):
+        one.on_participant(hashed, fast_dds_property)
+    assert peers.uses_sample_identity(hashed[:12] + b"\0\0\1\4") and peers.has_secured_peers()
+    assert peers.vendor_of(hashed) == b"\1\x0f"
+    peers.on_participant_lost(hashed)
+    assert not peers.uses_sample_identity(hashed) and not peers.has_secured_peers()
+    assert other.uses_sample_identity(hashed)  # in another domain
+    other.close()
+    assert not other.uses_sample_identity(hashed)
 
 
-def test_secured_fast_dds_peer_without_endpoints_is_reported(dds: World, caplog: pytest.LogCaptureFixture) -> None:
-    participant: Any = dds.node("n")._scope.participant
+@pytest.mark.dds
+def test_secured_fast_dds_peer_without_endpoints_is_reported(caplog: pytest.LogCaptureFixture) -> None:
+    peers = new_peers()
     silent, known = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "b604d120"))
+    guids = {1: known[:12] + b"\0\0\1\4"}
     for guid in (silent, known):
-        correlation.add_secured_fast_dds(guid, -1)
-    try:
-        participant.discovery.guids[-1] = known[:12] + b"\0\0\1\4"
-        participant.warn_without_endpoints([known])
-        assert "a peer on Fast DDS" not in caplog.text
-        participant.warn_without_endpoints([known, silent])
-        assert "a peer on Fast DDS was found, but no endpoints of it" in caplog.text
-        caplog.clear()
-        correlation.discard_secured_fast_dds(-1)  # it has left
-        participant.warn_without_endpoints([silent])
-        assert caplog.text == ""
-    finally:
-        del participant.discovery.guids[-1]
-        correlation.discard_secured_fast_dds(-1)
+        peers.on_participant(guid, fast_dds_property)
+    peers.warn_without_endpoints([known], guids)
+    assert "a peer on Fast DDS" not in caplog.text
+    peers.warn_without_endpoints([known, silent], guids)
+    assert "a peer on Fast DDS was found, but no endpoints of it" in caplog.text
+    caplog.clear()
+    peers.on_participant_lost(silent)
+    peers.warn_without_endpoints([silent], guids)
+    assert caplog.text == ""

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from support import raw_endpoints
+from support.raw_endpoints import participant_of
 
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.dds  # all use the loaded library
 
-API = cyclone._api
+API, SUPPORT = cyclone.API, cyclone.FAST_DDS_SUPPORT
 TEXT = "std_msgs::msg::dds_::String_"
 HEADER = b"\0\1\0\0"
 
@@ -33,7 +35,7 @@ def participant(dds: World) -> Any:
     node = dds.node("ours")
     node.create_publisher(String, "topic")
     node.create_service(SetBool, "set_bool")
-    return node._scope.participant
+    return participant_of(node)
 
 
 @pytest.fixture
@@ -72,7 +74,7 @@ def test_other_types_of_the_domain_are_found_from_a_known_type(participant: Any)
 def test_reader_offsets_are_probed_by_guid(participant: Any, pinned: Any) -> None:
     entity = participant.discovery.entities[0]
     guid = API.guid_of(entity)
-    assert private_layout.probe_reader_offsets(pinned(entity), guid) == cyclone._fast_dds.reader_offsets is not None
+    assert private_layout.probe_reader_offsets(pinned(entity), guid) == SUPPORT.reader_offsets is not None
     unknown = bytes(byte ^ 255 for byte in guid)
     assert private_layout.probe_reader_offsets(pinned(entity), unknown) is None
     wrong = private_layout.ReaderOffsets(entity=8, flags=8)
@@ -80,8 +82,8 @@ def test_reader_offsets_are_probed_by_guid(participant: Any, pinned: Any) -> Non
 
 
 def test_reader_flags_that_contradict_the_qos_are_not_modified(participant: Any, pinned: Any, dds: World) -> None:
-    reader: Any = dds.node("other").create_subscription(String, "topic")._reader
-    offsets = cyclone._fast_dds.reader_offsets
+    reader: Any = raw_endpoints.reader(dds.node("other"), "rt/topic", TEXT)
+    offsets = SUPPORT.reader_offsets
     assert offsets is not None
     unexpected = private_layout.set_requests_history(pinned(reader.entity), offsets, reader.guid, False)
     assert unexpected is not None and unexpected.startswith("the flags of a reader")
@@ -156,9 +158,9 @@ def test_write_consumes_the_sample_reference_unless_it_fails_before_the_writer(p
 def test_local_readers_share_the_memory_of_the_written_sample(dds: World) -> None:
     node = dds.node("ours")
     publisher = node.create_publisher(String, "large")
-    first, second = (node.create_subscription(String, "large") for _ in range(2))
+    readers = [raw_endpoints.reader(node, "rt/large", TEXT) for _ in range(2)]
     publisher.publish(String(data="x" * 1_000_000))
-    views: list[Any] = [one._items.popleft()[0] for one in (first, second)]
+    views: list[Any] = [reader.queue.items.popleft()[0] for reader in readers]
     assert all(isinstance(view, memoryview) and view.readonly for view in views)
     assert len({ct.addressof(view.obj) for view in views}) == 1
 
@@ -166,9 +168,9 @@ def test_local_readers_share_the_memory_of_the_written_sample(dds: World) -> Non
 def test_sample_view_stays_valid_after_reader_and_domain_closed(dds: World) -> None:
     context = dds.context()
     node = dds.node("ours", context=context)
-    publisher, subscription = node.create_publisher(String, "large"), node.create_subscription(String, "large")
+    publisher, reader = node.create_publisher(String, "large"), raw_endpoints.reader(node, "rt/large", TEXT)
     publisher.publish(String(data="y" * 3_000_000))
-    view = subscription._items.popleft()[0]
+    view = reader.queue.items.popleft()[0]
     context.close()
     gc.collect()
     assert String.decode(view).data == "y" * 3_000_000

@@ -11,12 +11,12 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
 from std_srvs.srv import SetBool
+from support import raw_endpoints
 from support.processes import python_process
 from support.waiting import until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.cyclone import qos as cyclone_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -177,12 +177,8 @@ async def test_service_endpoints_announce_the_service_hash(world: World) -> None
 
 @pytest.mark.every_transport
 async def test_samples_are_padded_with_zeros(world: World) -> None:
-    participant, odd = (
-        world.context()._core.participant,
-        EndpointSpec(TopicKey("topic", "/odd"), "pkg/msg/Odd", DEFAULT),
-    )
-    reader = participant.create_reader(odd)
-    writer = participant.create_writer(odd)
+    node, odd = world.node(), ("rt/odd", "pkg::msg::dds_::Odd_")
+    reader, writer = raw_endpoints.reader(node, *odd), raw_endpoints.writer(node, *odd)
     for length in range(5, 9):
         writer.write(b"\0\1\0\0" + b"\7" * (length - 4))
     assert [sample[0] for sample in reader.queue.items] == [

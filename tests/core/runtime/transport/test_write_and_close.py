@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.raw_endpoints import participant_of
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import ClosedError, Context, LoopRunner, Node
@@ -23,7 +24,7 @@ STRING: Any = get_message("std_msgs/msg/String")
 def test_domain_is_deleted_only_after_writing_threads_finished(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     context = Context(discovery="localhost")
     publisher = Node("n", context=context).create_publisher(STRING, "t")
-    participant: Any = publisher._scope.participant
+    participant = participant_of(publisher)
     api, domain = participant.api, participant.domain
     message, order, errors = STRING(data="x" * 100_000), list[str](), list[str]()
     copy, end = api.copy_large, domain.end_if_unused

@@ -14,7 +14,6 @@ from typing import Any
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 
 String: Any = get_message("std_msgs/msg/String")
 Add: Any = get_service("example_interfaces/srv/AddTwoInts")
@@ -119,12 +118,14 @@ def open_each(enclaves: list[str]) -> None:
 async def main(role: str, enclave: str) -> None:
     if role == "open":
         return open_each(enclave.split(","))
+    participant: Any = None
     try:
         async with Context(args=["test"], enclave=enclave) as context, Node(role, context=context) as node:
+            participant = context._core.participant
             await ROLES[role](node)
     except RosidlError as error:
         show(error=f"{type(error).__name__}: {error}")
-    assert not has_secured_fast_dds(), "peers of a closed context"
+    assert participant is None or not participant.fast_dds.has_secured_peers(), "peers of a closed context"
 
 
 asyncio.run(main(*sys.argv[1:3]))

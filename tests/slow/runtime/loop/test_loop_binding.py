@@ -228,12 +228,12 @@ def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
         time.sleep(0.3)  # a close that does not wait returns earlier
         left.set()
 
-    api = cyclone._api
+    api = cyclone.API
     function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(slow)
     listener = api.create_listener(None)
     api.lset_data_available_arg(listener, function, None, True)
     reader: Any = subscription._reader
-    library: Any = cyclone._api.library
+    library: Any = cyclone.API.library
     assert library.dds_set_listener(reader.entity, ct.c_void_p(listener)) == 0
     thread = threading.Thread(target=lambda: publisher.publish(Int32(data=1)))
     thread.start()

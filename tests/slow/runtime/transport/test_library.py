@@ -13,7 +13,7 @@ import pytest
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.c_api import REQUIRED_SYMBOLS, CycloneApi
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsSupport
 from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, candidates, load
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import VtableSlots
 
@@ -107,7 +107,7 @@ def test_vtable_slots_are_used_only_if_unambiguous(
 ) -> None:
     loaded = load({"ROSIDL_LIBDDSC": stub(tmp_path, tuple({*REQUIRED_SYMBOLS, *PROBED}), {**PROBED, **wrong})})
     assert isinstance(loaded, DdscLibrary)
-    assert FastDdsInterop(CycloneApi(loaded.handle)).slots == found
+    assert FastDdsSupport(CycloneApi(loaded.handle)).slots == found
 
 
 def test_loaded_library_reports_file_and_version() -> None:

@@ -1,1 +1,18 @@
-"""Interoperation with Fast DDS peers that Cyclone lacks: sample identities, and samples sent before the match."""
+"""Interoperation with peers on Fast DDS that Cyclone lacks: sample identities, and samples sent before the match.
+
+What a caller needs, by the object that it asks:
+
+- `FastDdsSupport`, one for the process: what the loaded library supports, and the reasons why it does not.
+- `FastDdsInterop`, one for each open domain: types of services with sample identities.
+- `FastDdsPeers`, one for each participant: which peers are on Fast DDS, their early samples, warnings about them.
+
+Only `transport/cyclone` imports this package, and only these names. Source: docs/internals/dds.md 2 to 6;
+what is read and written in Cyclone's memory: docs/internals/cyclone_memory.md 1.
+"""
+
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.peers import FastDdsPeers
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleIdentities
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
+
+__all__ = ["FastDdsInterop", "FastDdsPeers", "FastDdsSupport", "SampleIdentities"]

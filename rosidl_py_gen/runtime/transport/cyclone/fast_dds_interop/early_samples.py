@@ -16,10 +16,13 @@ import socket
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.api import GUID_PREFIX_BYTES, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
 
 _HEADER = b"RTPS\x02\x01\x01\x10"
 """RTPS header with version 2.1 and vendor Cyclone DDS; the prefix of our GUID follows."""
@@ -112,9 +115,9 @@ class EarlySampleReaders:
     The readers do so only if the memory layout of readers in the loaded library is known.
     """
 
-    def __init__(self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, listener: int) -> None:
-        self._api = api
-        self._fast_dds = fast_dds
+    def __init__(self, support: FastDdsSupport, listener: int) -> None:
+        self._api = api = support.api
+        self._support = support
         self._listener = listener
         # Called by Cyclone; must not raise, block or log.
         self._on_matched = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)(
@@ -126,17 +129,17 @@ class EarlySampleReaders:
 
     def probe_layout(self, builtin_reader: int) -> None:
         """Find the memory layout of readers by examining a builtin reader, which is not announced to peers."""
-        fast_dds = self._fast_dds
-        if fast_dds.reader_offsets is None and not fast_dds.early_refusal:
-            with self._api.locked_entity(builtin_reader) as address:
+        support = self._support
+        if support.reader_offsets is None and not support.early_refusal:
+            with self._api.locked_entity(builtin_reader) as address:  # docs/internals/cyclone_memory.md 8
                 guid = self._api.guid_of(builtin_reader)
-                fast_dds.reader_offsets = private_layout.probe_reader_offsets(address, guid)
-            if fast_dds.reader_offsets is None:
-                fast_dds.early_refusal = "the layout of readers is unknown in this library"
+                support.reader_offsets = private_layout.probe_reader_offsets(address, guid)
+            if support.reader_offsets is None:
+                support.early_refusal = "the layout of readers is unknown in this library"
 
     def create_reader(self, create: Callable[[int], int], *, is_reliable: bool) -> int:
         """Create a reader and return its handle; `create` creates the reader with the Cyclone listener it is passed."""
-        if self._fast_dds.early_refusal:
+        if self._support.early_refusal:
             return create(self._listener)
         # Known writers are matched while the reader is created. Cyclone calls this listener before the first match, in
         # the creating thread, and the listener sets the flag in time.
@@ -150,13 +153,13 @@ class EarlySampleReaders:
         # them: neither a request nor the missing fragments of a large message. The flag "transient local" of the
         # reader decides that during the match, and has no other use after creation. So it is set for all reliable
         # readers. No real history arrives: a writer retains none for volatile readers, and announces that.
-        offsets, unexpected = self._fast_dds.reader_offsets, None
+        offsets, unexpected = self._support.reader_offsets, None
         if offsets is not None:
             with suppress(TransportError), self._api.locked_entity(entity) as address:  # the reader may be deleted
                 guid = self._api.guid_of(entity)
                 unexpected = private_layout.set_requests_history(address, offsets, guid, is_reliable)
         if unexpected is not None:
-            self._fast_dds.early_refusal = f"unexpected data in Cyclone DDS: {unexpected}"
+            self._support.early_refusal = f"unexpected data in Cyclone DDS: {unexpected}"
 
     def close(self) -> None:
         """Delete the listener of readers under creation. Called after the readers were deleted."""

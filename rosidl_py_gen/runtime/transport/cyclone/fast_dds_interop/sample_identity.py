@@ -7,7 +7,7 @@ of Cyclone's vtable for samples, with two hooks (docs/internals/dds.md 3 and 4):
 Thread rules: hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of
 Cyclone that allocate and copy, do not log and never raise.
 
-Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2 to 5; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
+Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 3 to 5; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
 
 from __future__ import annotations
@@ -27,18 +27,15 @@ from rosidl_py_gen.runtime.transport.cyclone.private_layout import (
     SAMPLE_FUNCTIONS,
     bytes_at,
 )
-from rosidl_py_gen.runtime.transport.dds.correlation import (
-    FAST_DDS_VENDOR,
-    IDENTITY_BYTES,
-    SampleIdentity,
-    embed_identity,
-)
+from rosidl_py_gen.runtime.transport.dds.correlation import IDENTITY_BYTES, SampleIdentity, embed_identity
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
 
+FAST_DDS_VENDOR = b"\x01\x0f"
+"""RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 INLINE_QOS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
 """Length of the result of `encode_inline_qos`."""
 
@@ -128,12 +125,15 @@ create_no_sample = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
 """Replacement for Cyclone's `from_ser` that drops all received samples."""
 
 
-class SampleHooks:
-    """Copy of Cyclone's vtable for samples of requests, or of replies, with hooks for sample identities."""
+class SampleIdentities:
+    """Sample identities of requests, or of replies, in one domain.
+
+    An object has a copy of Cyclone's vtable for samples, with the two hooks (docs/internals/cyclone_memory.md 4).
+    """
 
     def __init__(
         self,
-        owner: FastDdsInterop,
+        owner: FastDdsSupport,
         type_object: Sertype,
         slots: private_layout.VtableSlots,
         size_offset: int,
@@ -142,6 +142,8 @@ class SampleHooks:
     ) -> None:
         self._owner = owner
         self._is_reply = is_reply
+        self.is_lent = False
+        """True while a domain uses the hooks. Lock: the lock of `FastDdsSupport` must be held to lend them."""
         self._slots = slots
         self._size_offset = size_offset
         self.payload_offset = type_object.payload_offset or 0
@@ -164,7 +166,7 @@ class SampleHooks:
         """Send a sample, whose length is a multiple of 4, with an identity; return Cyclone's return code."""
         api, code = self._owner.api, _BAD_PARAMETER
         # The sample begins with a hidden prefix. Its size field is then reduced by the prefix, so that Cyclone counts,
-        # fragments and frees a sample that has the size of the message.
+        # fragments and frees a sample that has the size of the message (docs/internals/cyclone_memory.md 5).
         sample = private_layout.new_sample(
             api, type_object, _IDENTITY_MAGIC + writer_id + encode_inline_qos(identity) + data
         )

@@ -11,6 +11,7 @@ from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from support.local_network import zenoh_environment
+from support.raw_endpoints import participant_of
 from support.waiting import until
 from support.worlds import World
 
@@ -31,7 +32,7 @@ class Pair:
         self.client = world.node("caller").create_client(AddTwoInts, "add")
         self.reader: Any = self.server._transport_server
         self.replies: Any = self.client._transport_client
-        self.session: Any = self.node._scope.participant.session  # type: ignore[attr-defined]
+        self.session: Any = participant_of(self.node).session
         self.key = (
             f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
         )
@@ -40,8 +41,8 @@ class Pair:
         return asyncio.ensure_future(self.client.call(AddTwoInts.Request(a=1, b=2), timeout_s=timeout_s))
 
     async def first_request(self) -> tuple[tuple[bytes, int], Any]:
-        await until(lambda: self.reader._queries)
-        identity = next(iter(self.reader._queries))
+        await until(lambda: self.reader.queries)
+        identity = next(iter(self.reader.queries))
         return identity, self.reader.pop_query(identity).query
 
 
@@ -54,12 +55,12 @@ async def test_timed_out_and_cancelled_calls_leave_no_query(pair: Pair) -> None:
     assert await pair.client.wait_for_service(5)
     with pytest.raises(CallTimeoutError):
         await pair.call(0.2)
-    assert not pair.replies._in_flight
+    assert not pair.replies.in_flight
     for number in range(200):
         calling = pair.call()
         await asyncio.sleep(0.0001 * (number % 10))  # at every stage of a call
         calling.cancel()
-    await until(lambda: not pair.replies._in_flight)
+    await until(lambda: not pair.replies.in_flight)
     assert pair.client.in_flight_count == 0
 
 
@@ -69,7 +70,7 @@ async def test_answered_calls_leave_no_query(zenoh: World) -> None:
     calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
     assert {response.sum for response in await asyncio.gather(*calls)} == {3}
     replies: Any = client._transport_client
-    await until(lambda: not replies._in_flight)
+    await until(lambda: not replies.in_flight)
 
 
 async def test_queries_answered_by_one_of_two_servers_are_bounded(pair: Pair, zenoh: World) -> None:
@@ -77,14 +78,14 @@ async def test_queries_answered_by_one_of_two_servers_are_bounded(pair: Pair, ze
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
-    assert len(pair.replies._in_flight) == services.MAX_ANSWERED_QUERIES
+    assert len(pair.replies.in_flight) == services.MAX_ANSWERED_QUERIES
 
 
 async def test_closing_client_cancels_its_calls_in_flight(pair: Pair) -> None:
     calls = [pair.call() for _ in range(20)]
-    await until(lambda: len(pair.replies._in_flight) == 20)
+    await until(lambda: len(pair.replies.in_flight) == 20)
     pair.client.close()
-    assert not pair.replies._in_flight
+    assert not pair.replies.in_flight
     for result in await asyncio.gather(*calls, return_exceptions=True):
         assert "was closed during the call" in str(result)
 
@@ -127,8 +128,8 @@ async def test_zenoh_query_timeout_applies_only_to_calls_without_timeout(
 async def test_response_is_accepted_after_its_server_token_disappeared(pair: Pair) -> None:
     # Zenoh sends tokens before replies, even if the reply was first.
     calling = pair.call()
-    await until(lambda: pair.reader._queries)
-    participant: Any = pair.node._scope.participant
+    await until(lambda: pair.reader.queries)
+    participant = participant_of(pair.node)
     participant.undeclare_token(pair.reader.guid)
     await until(lambda: not pair.client._servers())
     for _ in range(5):  # the client checks for lost requests in a callback of the loop
@@ -157,8 +158,8 @@ async def test_request_without_header_is_not_retained(pair: Pair) -> None:
     for data in (b"", b"x", b"\0\1\0"):
         pair.session.get(pair.key, payload=data, attachment=pack_attachment(1, 1, GID))
     pair.session.get(pair.key, payload=bytes((0, 1)) + bytes(18), attachment=pack_attachment(2, 1, GID))
-    await until(lambda: pair.reader._queries)
-    assert list(pair.reader._queries) == [(GID, 2)]
+    await until(lambda: pair.reader.queries)
+    assert list(pair.reader.queries) == [(GID, 2)]
 
 
 @pytest.mark.parametrize(("limit", "value"), [("MAX_BYTES", 45), ("MAX_QUERIES", 2)])  # a request has 20 bytes
@@ -180,12 +181,12 @@ async def test_oldest_unanswered_requests_are_dropped_above_the_limit(
 
 async def test_a_forked_child_drops_its_queries_without_using_zenoh(pair: Pair) -> None:
     calling = pair.call()
-    await until(lambda: pair.reader._queries and pair.replies._in_flight)
+    await until(lambda: pair.reader.queries and pair.replies.in_flight)
     pair.reader.detach_after_fork()
     pair.replies.detach_after_fork()
     pair.reader.close()
     pair.replies.cancel(1)
-    assert not pair.reader._queries and not pair.replies._in_flight
+    assert not pair.reader.queries and not pair.replies.in_flight
     await asyncio.sleep(0.1)  # a response would arrive in this time
     assert not calling.done()
     calling.cancel()
@@ -196,7 +197,7 @@ async def test_samples_without_valid_attachment_are_dropped_with_a_warning(
 ) -> None:
     node = zenoh.node("n")
     subscription = node.create_subscription(String, "t")
-    session: Any = node._scope.participant.session  # type: ignore[attr-defined]
+    session: Any = participant_of(node).session
     key, data = (
         f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}",
         String(data="x").encode(),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
+from support.raw_endpoints import participant_of
 from support.waiting import until
 from support.worlds import World
 
@@ -75,7 +76,7 @@ async def test_nodes_communicate_without_router_and_discover_new_nodes_after_its
     talker, listener = node_at("talker", endpoint), node_at("listener", endpoint)
     publisher, subscription = talker.create_publisher(String, "/talk"), listener.create_subscription(String, "/talk")
     assert await publisher.wait_for_subscribers(10)
-    here, there = (node._scope.participant.session.info for node in (talker, listener))  # type: ignore[attr-defined]
+    here, there = (participant_of(node).session.info for node in (talker, listener))
     await until(lambda: there.zid() in here.peers_zid(), 10)  # a direct link
     gone.close()
     receiving = asyncio.ensure_future(subscription.receive(10))

@@ -115,9 +115,9 @@ async def test_unanswered_requests_are_removed_when_their_client_closes(zenoh: W
     calling = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=20))
     await anext(server)
     reader: Any = server._transport_server
-    assert len(reader._queries) == 1
+    assert len(reader.queries) == 1
     caller.context.close()
-    await until(lambda: not reader._queries)
+    await until(lambda: not reader.queries)
     with pytest.raises(Exception, match="closed"):
         await calling
 

@@ -1,0 +1,265 @@
+"""Peers on Fast DDS that one participant has discovered: which they are, their early samples, and warnings.
+
+Source: docs/internals/dds.md 6 and 12.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING, Protocol
+
+from rosidl_py_gen.base.waiters import current_loop
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.transport.api import (
+    GUID_PREFIX_BYTES,
+    DiscoveredEndpoint,
+    DiscoveryEvent,
+    EntityLost,
+    ParticipantDiscovered,
+)
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
+    EarlySampleReaders,
+    request_endpoints,
+    request_samples,
+)
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.qos import Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+
+_ADDRESSES = b"__NetworkAddresses"
+"""Property in which Cyclone stores the network addresses of a discovered participant."""
+_FAST_DDS = (b"PARTICIPANT_TYPE", b"fastdds.physical_data.host")
+"""Properties that only participants on Fast DDS have."""
+_HASHED_BIT = 0x80
+"""Bit that is set in the first byte of a secured participant's GUID, which is a hash of the subject of its certificate
+(docs/internals/dds.md 12)."""
+_MATCH_DELAY_S = 0.002
+"""Delay of the request for early samples after a Fast DDS writer was discovered, in seconds. Cyclone matches the writer
+after some 50 us without notification, later on a busy machine. After 10 ms Cyclone sends a request of its own, and Fast
+DDS ignores later requests."""
+_NO_ENDPOINTS_DELAY_S = 6.0
+"""Delay of the check whether a secured Fast DDS peer has announced endpoints, in seconds. The security handshake takes
+a second, on a busy machine several."""
+_NO_ENDPOINTS = (
+    "security: a peer on Fast DDS was found, but no endpoints of it; probably a message of its handshake with Cyclone "
+    "DDS was lost, which is sent once. Restart this process or the peer"
+)
+"""Warning about a secured Fast DDS peer without endpoints. Source: docs/internals/dds.md 12."""
+
+
+class ReliableReader(Protocol):
+    """Members of a reader that requests for early samples need; best effort readers are skipped."""
+
+    is_reliable: bool
+    topic: str
+    type: str
+    guid: bytes
+
+
+class FastDdsPeers:
+    """Peers on Fast DDS of one participant.
+
+    The methods from `on_participants_pending` to `end_read` are called by the participant's builtin reader of
+    participants, the first two in Cyclone's thread, too.
+
+    Args:
+        listener: Cyclone listener of readers that `create_reader` creates.
+        is_local: requests for endpoints and samples are sent to this machine only.
+        is_secured: the participant is secured.
+    """
+
+    def __init__(self, interop: FastDdsInterop, listener: int, *, is_local: bool, is_secured: bool) -> None:
+        self._interop = interop
+        self._is_local = is_local
+        self._is_secured = is_secured
+        self._guid = bytes(16)
+        self._addresses: dict[bytes, str] = {}
+        """Addresses of Fast DDS participants, by GUID prefix."""
+        self._secured: set[bytes] = set()
+        """GUID prefixes of secured participants on Fast DDS."""
+        self._is_unread = False
+        """True while the builtin reader has unread participants. Lock: `FastDdsInterop.lock` must be held."""
+        self._participants: set[bytes] = set()
+        """GUIDs of discovered participants on Fast DDS. Lock: `FastDdsInterop.lock` must be held."""
+        self._is_closed = False
+        self._early = EarlySampleReaders(interop.support, listener)
+        with interop.lock:
+            interop.members.add(self)
+
+    def start(self, guid: bytes) -> None:
+        """Set the GUID of the participant. Called before its builtin readers are created."""
+        self._guid = guid
+
+    # -------------------------------------------------------------------------------------- which peers are on Fast DDS
+
+    def uses_sample_identity(self, guid: bytes) -> bool:
+        """Return True if the participant or endpoint `guid` is on Fast DDS: it uses sample identities, not headers."""
+        return guid.startswith(FAST_DDS_VENDOR) or (bool(self._secured) and self.is_secured_peer(guid))
+
+    def is_secured_peer(self, guid: bytes) -> bool:
+        """Return True if a GUID belongs to a secured participant on Fast DDS, or to an endpoint of one."""
+        return guid[:GUID_PREFIX_BYTES] in self._secured
+
+    def has_secured_peers(self) -> bool:
+        """Return True if a secured participant on Fast DDS is known."""
+        return bool(self._secured)
+
+    def vendor_of(self, participant: bytes) -> bytes:
+        """Return the RTPS vendor id of a participant; empty if it is secured, and not on Fast DDS."""
+        if self.uses_sample_identity(participant):
+            return FAST_DDS_VENDOR
+        return b"" if has_hashed_guid(participant) else participant[:2]
+
+    def may_exist(self) -> bool:
+        """Return True if a participant on Fast DDS is known, or may be unread. Lock: `FastDdsInterop.lock`."""
+        return self._is_unread or bool(self._participants)
+
+    def new_warnings(self) -> list[str]:
+        """Return warnings about what the library lacks that were not returned before; none without Fast DDS peers."""
+        return self._interop.support.new_warnings() if self._participants else []
+
+    # ------------------------------------------------------------------------------------------------------- discovery
+
+    def on_participants_pending(self) -> None:
+        """Activate the receive hooks, because participants are unread. Called by Cyclone; must not raise or log."""
+        # Cyclone reports a new participant in its own thread, before it processes anything else of the participant.
+        interop = self._interop
+        with interop.lock:
+            self._is_unread = True
+            interop.enable_receive_hooks(True)
+
+    def on_participant(self, guid: bytes, read_property: Callable[[bytes], str]) -> None:
+        """Record a discovered participant, and request the endpoints of a new one on Fast DDS.
+
+        `read_property` returns a property of the participant; empty if it has none. Called by Cyclone.
+        """
+        if guid.startswith(FAST_DDS_VENDOR):
+            prefix = guid[:GUID_PREFIX_BYTES]
+            is_new = prefix not in self._addresses
+            self._addresses[prefix] = read_property(_ADDRESSES)
+            if is_new:
+                request_endpoints(self._guid, guid, self._addresses[prefix], is_local=self._is_local)
+        elif has_hashed_guid(guid) and any(map(read_property, _FAST_DDS)):
+            # Requests for its endpoints would be dropped, because they are not protected.
+            self._secured.add(guid[:GUID_PREFIX_BYTES])
+
+    def on_builtin_reader(self, entity: int) -> None:
+        """Regard participants as unread, and measure the layout of readers with their builtin reader."""
+        # A builtin reader is not announced to peers (docs/internals/cyclone_memory.md 8).
+        self.on_participants_pending()
+        self._early.probe_layout(entity)
+
+    def begin_read(self) -> None:
+        """Record that the caller now takes all new participants, and then calls `end_read`."""
+        with self._interop.lock:
+            self._is_unread = False
+
+    def on_participant_lost(self, guid: bytes) -> None:
+        """Forget address and security of a participant."""
+        self._secured.discard(guid[:GUID_PREFIX_BYTES])
+        self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
+
+    def end_read(self, events: Iterable[DiscoveryEvent]) -> None:
+        """Update the set of Fast DDS participants by the events that were read since `begin_read`.
+
+        If no participant of this process in the domain has Fast DDS peers or unread participants, the receive hooks are
+        deactivated.
+        """
+        interop = self._interop
+        with interop.lock:
+            for event in events:
+                if isinstance(event, EntityLost):
+                    self._participants.discard(event.guid)
+                elif isinstance(event, ParticipantDiscovered) and self.uses_sample_identity(event.guid):
+                    self._participants.add(event.guid)
+            # Data that became unread since `begin_read` may be about a Fast DDS participant.
+            if not any(peers.may_exist() for peers in interop.members):
+                interop.enable_receive_hooks(False)
+
+    # --------------------------------------------------------------------------------------------------- early samples
+
+    def create_reader(self, create: Callable[[int], int], *, is_reliable: bool) -> int:
+        """Create a reader that gets early samples of Fast DDS writers, and return its handle.
+
+        `create` creates the reader with the Cyclone listener it is passed.
+        """
+        return self._early.create_reader(create, is_reliable=is_reliable)
+
+    def on_events(
+        self, events: list[DiscoveryEvent], readers: Mapping[int, ReliableReader], guids: Mapping[int, bytes]
+    ) -> None:
+        """Schedule what new Fast DDS peers need, on the running loop.
+
+        After Cyclone had time to match new writers, early samples are requested for the readers. A secured participant
+        is checked for endpoints later, and causes a warning if it has announced none.
+
+        Args:
+            events: new discovery events.
+            readers: all readers of the participant, by handle.
+            guids: GUIDs of all discovered endpoints.
+        """
+        loop = current_loop()
+        if loop is None:
+            return
+        writers = [
+            event
+            for event in events
+            if isinstance(event, DiscoveredEndpoint)
+            and event.is_writer
+            and event.qos.reliability is Reliability.RELIABLE
+            and self._addresses.get(event.guid[:GUID_PREFIX_BYTES])
+        ]
+        if writers:
+            loop.call_later(_MATCH_DELAY_S, self._request_samples, writers, readers)
+        if self._is_secured:
+            new = [one.guid for one in events if isinstance(one, ParticipantDiscovered)]
+            secured = [guid for guid in new if self.is_secured_peer(guid)]
+            if secured:
+                loop.call_later(_NO_ENDPOINTS_DELAY_S, self.warn_without_endpoints, secured, guids)
+
+    def _request_samples(self, writers: Iterable[DiscoveredEndpoint], readers: Mapping[int, ReliableReader]) -> None:
+        of_topic: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)
+        for reader in list(readers.values()):
+            if reader.is_reliable:
+                of_topic[reader.topic, reader.type].append(reader.guid)
+        pairs: defaultdict[str, list[tuple[bytes, bytes]]] = defaultdict(list)
+        for writer in writers:
+            addresses = self._addresses.get(writer.guid[:GUID_PREFIX_BYTES])
+            if addresses is not None:  # the writer may have disappeared
+                matching = of_topic.get((writer.wire_name, writer.wire_type), ())
+                pairs[addresses] += [(guid, writer.guid) for guid in matching]
+        for addresses, of_participant in pairs.items():
+            request_samples(of_participant, addresses, is_local=self._is_local)
+
+    def warn_without_endpoints(self, participants: Iterable[bytes], guids: Mapping[int, bytes]) -> None:
+        """Warn if one of some secured Fast DDS peers has announced no endpoints.
+
+        `participants` are the GUIDs of the peers, `guids` the GUIDs of all discovered endpoints.
+        """
+        prefixes = {guid[:GUID_PREFIX_BYTES] for guid in [*guids.values()]}
+        if not self._is_closed and any(
+            self.is_secured_peer(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants
+        ):
+            get_root_logger().warning(_NO_ENDPOINTS)
+
+    def close(self) -> None:
+        """Forget all peers. Called after the participant and its readers were deleted."""
+        self._is_closed = True
+        interop = self._interop
+        with interop.lock:
+            interop.members.discard(self)
+            self._participants.clear()
+            if not any(peers.may_exist() for peers in interop.members):
+                interop.enable_receive_hooks(False)
+        self._secured.clear()
+        self._addresses.clear()
+        self._early.close()
+
+
+def has_hashed_guid(guid: bytes) -> bool:
+    """Return True if a GUID belongs to a secured participant; such a GUID does not begin with the vendor id."""
+    return bool(guid[0] & _HASHED_BIT)
