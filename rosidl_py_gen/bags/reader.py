@@ -154,7 +154,7 @@ class BagReader:
             raise
 
     def _contents(self) -> tuple[list[BagTopic], list[BagTopic], dict[str, BagTopic], int, int]:
-        """Return stored channels, merged channels, topics, first and last log time of the bag, as its files state."""
+        """Return what the files of the bag state: stored channels, merged channels, topics, first and last log time."""
         stored = merge_stored_channels(channel for file in self._files for channel in file.stored_channels())
         channels = merge_channels(stored)  # of one topic and definition there are several if QoS or metadata differ
         spans = [span for file in self._files if (span := file.span()) is not None]
@@ -162,7 +162,7 @@ class BagReader:
         return stored, channels, topics_by_name(channels), start, end
 
     def _read_unindexed(self) -> None:
-        """Read the parts of files that no index describes, which may define more channels, and update the topics."""
+        """Read those parts of the files that no index describes, and update the topics by the channels found there."""
         for file in self._files:
             file.unused_schemas()
         self._stored_channels, self.channels, self.topics, self.start_ns, self.end_ns = self._contents()
@@ -330,7 +330,7 @@ class BagReader:
         return as_raw_messages(self._merged(self._names(topics), start_ns, end_ns))
 
     def _messages_as_stored(self) -> Iterator[RawMessage]:
-        """Yield all messages of a bag of one file as stored: still compressed if rosbag2 compressed single messages."""
+        """Yield all messages of a bag of one file without decompressing messages that rosbag2 compressed one by one."""
         (file,) = self._files
         return as_raw_messages(file.stored_messages())
 
@@ -389,9 +389,9 @@ class BagReader:
         may_skip: bool,
         message_class: type[Message] | None,
     ) -> Callable[[bytes | memoryview], Any] | None:
-        """Return the decoder of a channel's messages; None if the topic cannot be decoded and may be skipped.
+        """Return the function that decodes a channel's messages.
 
-        `first` is the first message of the channel.
+        Returns None if the topic cannot be decoded and may be skipped. `first` is the first message of the channel.
         """
         topic = channel.info
         try:
