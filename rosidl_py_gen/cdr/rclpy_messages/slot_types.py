@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 @dataclass(slots=True, repr=False)
 class AbstractType:
-    """Base of all types of fields; two types are equal if their class and attributes are equal."""
+    """Base class of all types of fields in `SLOT_TYPES`; two types are equal if their class and attributes
+    are equal.
+    """
 
 
 @dataclass(slots=True, repr=False)
