@@ -12,7 +12,11 @@ TABLE_FILE = Path(__file__).with_name("message_packages.txt")
 
 @cache
 def package_rows() -> dict[str, list[str]]:
-    """Return the row of each well-known package: repository, branches and packages; {} if the table cannot be read."""
+    """Return the table of well-known message packages by package name: repository, branches and packages of that
+    repository.
+
+    Returns {} if the table cannot be read.
+    """
     try:
         lines = TABLE_FILE.read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -23,10 +27,10 @@ def package_rows() -> dict[str, list[str]]:
 
 
 def download_note(package: str, distro: str) -> str:
-    """Return where a well-known package is, and the commands to get and use it; "" for an unknown package.
+    """Return a text about where a well-known package can be found, with the commands to get and use it.
 
-    If the package has no branch for the distribution, the branch of the next older distribution is named, or else of
-    the next newer.
+    Returns "" for an unknown package. If the package has no branch for the distribution, the text names the branch of
+    the next older distribution, or else of the next newer.
     """
     row = package_rows().get(package)
     if row is None:

@@ -17,7 +17,7 @@ _SPECIAL = re.compile("[^\n -~]")
 
 
 def printable_lines(text: str) -> str:
-    """Return the text with U+FFFD for characters that control a terminal, except line breaks and tabs."""
+    """Return the text with U+FFFD in place of characters that control a terminal; line breaks and tabs stay."""
     lines = text.replace("\r\n", "\n").split("\n")
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
 
@@ -36,7 +36,7 @@ def pluralize(number: int, noun: str) -> str:
 
 
 def json_text(data: Any, *, indent: int | None = None) -> str:
-    """Return valid JSON on one line, or indented, for a terminal.
+    """Return a value as JSON text for a terminal, on one line or indented.
 
     NaN and the infinities become the strings of `rosidl_py_gen.to_json`; control characters become escapes.
     """
@@ -48,7 +48,9 @@ def json_text(data: Any, *, indent: int | None = None) -> str:
 
 
 def json_value(value: Any) -> Any:
-    """Return a plain value (dicts, lists, scalars) with NaN and the infinities as strings, as JSON has none."""
+    """Return a plain value (dicts, lists, scalars) in which NaN and the infinities are replaced by strings, as JSON has
+    none.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, dict):
