@@ -81,7 +81,10 @@ class Installer:
 
 
 def find_installer() -> Installer:
-    """Return pip of this environment, else uv; raises `OutputError` without both or in a temporary environment."""
+    """Return an installer: pip of this environment, else uv.
+
+    Raises `OutputError` if both are missing, or in a temporary environment.
+    """
     if _is_ephemeral():
         raise OutputError(
             f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
@@ -122,7 +125,10 @@ def find_installer() -> Installer:
 
 
 def _uv() -> tuple[str, ...]:
-    """Return the words of the command that runs uv of this environment, else uv of PATH; () if uv is not installed."""
+    """Return the command that runs uv, as a tuple of words: uv of this environment, else uv on PATH.
+
+    Returns () if uv is not installed.
+    """
     if find_spec("uv") is not None:
         return sys.executable, "-m", "uv"
     # Programs of the current folder, which Windows searches as well, and of relative folders are not trusted.
