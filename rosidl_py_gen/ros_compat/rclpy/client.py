@@ -103,7 +103,10 @@ class Client(BaseClient):
         return future.result()
 
     def _rosidl_wait_for(self, event: threading.Event, timeout_sec: float | None) -> bool:
-        """Wait for an event; log a warning if a callback waits too long in the only thread that can set the event."""
+        """Wait until an event is set.
+
+        Log a warning if a callback waits too long in the only thread that could set the event.
+        """
         if timeout_sec is not None and timeout_sec <= _WARNING_AFTER_S:
             return event.wait(timeout_sec)
         if event.wait(_WARNING_AFTER_S):

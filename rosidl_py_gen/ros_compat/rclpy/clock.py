@@ -131,12 +131,12 @@ def _to_runtime(duration: Duration | None) -> runtime.Duration | None:
 
 
 def _reraise(_activity: str) -> None:
-    """Raise the exception of a jump callback again where the time was changed, as rclpy does."""
+    """Raise the exception of a jump callback in the code that changed the time, as rclpy does."""
     raise
 
 
 class ClockHandle(Destroyable):
-    """Handle with the clock of rosidl_py_gen that a `Clock` reads."""
+    """Handle with the clock of rosidl_py_gen.runtime that a `Clock` reads."""
 
     def __init__(self, clock_type: AnyClockType) -> None:
         super().__init__()
@@ -314,7 +314,7 @@ class Clock(BaseClock):
 
 
 def _do_nothing(clock: Clock, *args: object, **kwargs: object) -> None:
-    """Initialize nothing: `Clock.__new__` has opened the clock; a subclass may pass other arguments."""
+    """Do nothing, because `Clock.__new__` has initialized the clock; a subclass may pass other arguments."""
 
 
 Clock.__init__ = _do_nothing  # type: ignore[method-assign, assignment]

@@ -85,7 +85,7 @@ class ActionWaitable(Waitable):
             self._rosidl_endpoints = ActionEndpoints(node.handle, action_name)
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Add nothing, because arrivals wake up the executor."""
+        """Add nothing to the wait set of the executor, because arrivals wake up the executor."""
 
     def __enter__(self) -> None:
         self._rosidl_endpoints.__enter__()
