@@ -137,7 +137,8 @@ def _index(field: Any, index: int, here: str) -> Get:
 def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
     """Append the operation for a slice of an array or sequence to `ops`.
 
-    Return its number of elements, or `VARIABLE_LENGTH`. Raises `FieldPathError` if the slice ends after a fixed array.
+    Returns the number of elements in the slice, or `VARIABLE_LENGTH`. Raises `FieldPathError` if the slice ends after a
+    fixed array.
     """
     start, stop = (int(text) if text else None for text in (match[3], match[4]))
     if field.type.arity is Arity.ARRAY:

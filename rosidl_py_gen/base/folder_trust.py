@@ -39,7 +39,7 @@ def distrust_reason(path: str | os.PathLike[str]) -> str:
 def resolve_trusted(path: str | os.PathLike[str]) -> tuple[str, str]:
     """Check a path as `distrust_reason` does.
 
-    Return its result, and the path with links resolved as far as it was checked.
+    Returns the result of the check, and the path with links resolved as far as it was checked.
     """
     place = os.fspath(path)
     if not hasattr(os, "geteuid"):

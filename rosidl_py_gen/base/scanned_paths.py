@@ -36,7 +36,7 @@ def note(path: str | os.PathLike[str]) -> None:
 def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
     """Run a search.
 
-    Return the states of all paths that the search has passed to `note` in this thread, and the search's result.
+    Returns the states of all paths that the search has passed to `note` in this thread, and the search's result.
     """
     stamps: dict[str, Stamp] = {}
     token = _stamps.set(stamps)

@@ -90,7 +90,7 @@ def _usable_folder(kind: str) -> Path | None:
 def _make_usable(folder: Path) -> str:
     """Create a cache folder unless it exists.
 
-    Return a text that states why it must not be used, or "" if it can be used.
+    Returns a text that states why the folder must not be used, or "" if it can be used.
     """
     if problem := cache_problem(folder):
         return problem

@@ -239,7 +239,7 @@ class Walk:
     def _add_other_record(self, opcode: int, at: int, after: int) -> int:
         """Add a record that is not a message to the index.
 
-        Return the offset after it, or -1 if the file ends within the record.
+        Returns the offset after the record, or -1 if the file ends within the record.
         """
         head = ChunkHead.at(self._read, at)
         body = at + RECORD.size

@@ -262,7 +262,7 @@ class CMakeScript:
     def _branch(self, start: int, stop: int) -> tuple[dict[str, _Value], bool]:
         """Read CMake commands that a build may skip.
 
-        Return the variables that they change, and True if they end the script.
+        Returns the variables that these commands change, and True if they end the script.
         """
         before = self._values
         self._values = before.new_child()

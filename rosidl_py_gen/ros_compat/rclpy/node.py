@@ -809,7 +809,7 @@ class Node(BaseNode):
     def _rosidl_forget(self, entity: Any, kind: str) -> bool:
         """Remove an entity from the node's lists.
 
-        Return False if the entity does not belong to the node, or no longer.
+        Returns False if the entity does not belong to the node, or no longer.
         """
         own_list, *other_lists = self._rosidl_lists_of_kind(kind)
         if entity not in own_list:
@@ -836,7 +836,7 @@ class Node(BaseNode):
     def destroy_publisher(self, publisher: Publisher) -> bool:
         """Destroy a publisher when its current uses end.
 
-        Return False if it does not belong to this node, or no longer.
+        Returns False if it does not belong to this node, or no longer.
         """
         return self._rosidl_destroy(publisher, "publishers")
 

@@ -95,7 +95,7 @@ class _LocalProcesses:
     ) -> dict[str, Task]:
         """Run `tasks`, and remove completed tasks from `due`.
 
-        Return the tasks that were running when a process crashed.
+        Returns the tasks that were running when a process crashed.
         """
         import dask
         import loky
