@@ -77,7 +77,7 @@ class CallbackSignatureError(RosidlError, TypeError):
 
 
 def require_signature(function: Callable[..., Any], subject: str, *arguments: str, hint: str = "") -> None:
-    """Raise `CallbackSignatureError` unless a function can be called with some positional arguments.
+    """Raise `CallbackSignatureError` unless a function can be called with the given positional arguments.
 
     Args:
         subject: name of the callback in the error text.

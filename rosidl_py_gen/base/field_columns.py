@@ -55,8 +55,8 @@ class Column:
 
 
 def is_time(cls: type[Any]) -> bool:
-    """Return True for the message classes of Time and Duration, except for other definitions with these names, as bags
-    may contain.
+    """Return True for the classes of Time and Duration messages, if they have the usual fields: a bag may define these
+    names otherwise.
     """
     info = cls._TYPE
     return info.name in _TIMES and [(one.ros_name, str(one.type)) for one in info.fields] == _TIME_FIELDS

@@ -399,9 +399,9 @@ def _end_positions(cursor: BatchCursor, steps: Program, pos: Ints, limit: Ints) 
 def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints | None:
     """Return the starts of all elements if all elements of a list, except for the first, have the same length.
 
-    Else None. The first two elements of every list are parsed, the starts of all others follow by arithmetic, and then
-    all elements of all lists are parsed in one vectorized pass. The guess is right if each element ends where the next
-    one starts.
+    Returns None otherwise. The first two elements of every list are parsed, the starts of all others follow by
+    arithmetic, and then all elements of all lists are parsed in one vectorized pass. The guess is right if each element
+    ends where the next one starts.
     """
     rows = np.flatnonzero(counts)
     limit, each = cursor.limit[rows], counts[rows]

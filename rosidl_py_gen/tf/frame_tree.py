@@ -150,7 +150,7 @@ class Frame:
     def at(self, time: int) -> Link:
         """Return the transform of the frame at a time in nanoseconds, interpolated if necessary.
 
-        Returns 0 means the latest transform.
+        Time 0 means the latest transform.
 
         Raises:
             NoDataError: the time is outside of the known times.
@@ -336,7 +336,9 @@ class FrameTree:
         return ExtrapolationError(text, frame=frame, direction=direction)
 
     def _near(self, frame: str, time: int) -> Iterator[tuple[str, str]]:
-        """Yield each frame from `frame` to the root, with its parent at `time` or at the nearest known time."""
+        """Yield each frame from `frame` up to the root of the tree, each with its parent at `time`, or else at the
+        nearest known time.
+        """
         for _ in range(len(self._frames) + 1):
             cache = self._frames.get(frame)
             if cache is not None and cache.lacks(time):

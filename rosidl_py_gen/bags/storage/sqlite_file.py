@@ -213,7 +213,8 @@ class SqliteFile(Storage):
 def _pick_definition(texts: list[_Definition], type_hash: str) -> tuple[str, str, bytes | None]:
     """Return text, encoding and bytes of the definition with a hash.
 
-    Without a hash, of the only definition if there is just one. Returns empty values and None if no definition fits.
+    If no definition has the hash, a definition without hash is returned, or any definition if `type_hash` is empty,
+    provided that there is only one. Returns empty values and None otherwise.
     """
     fitting = [one for one in texts if one[0] == type_hash] or [one for one in texts if not (one[0] and type_hash)]
     return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "", None)

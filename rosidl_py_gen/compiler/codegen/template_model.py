@@ -212,9 +212,9 @@ def _message(
 
 
 def _constructor(fields: tuple[MemberView, ...]) -> tuple[str, ...]:
-    """Return the parameters of ``__init__`` that type checkers shall see.
+    """Return the parameters of ``__init__`` for type checkers.
 
-    Empty if the dataclass generates the same signature.
+    The result is empty if the dataclass generates the same signature.
     """
     if all(item.accepted == item.annotation for item in fields):
         return ()

@@ -56,7 +56,7 @@ class BaseClient(Subscriptable, ServiceEntity[runtime.Client[Any, Any]]):
         """Return True if a server is connected.
 
         Raises:
-            rosidl_py_gen.runtime.IncompatibleServiceError: all servers are servers that this middleware cannot call.
+            rosidl_py_gen.runtime.IncompatibleServiceError: servers exist, but this middleware can call none of them.
             RCLError: the context was shut down.
         """
         with self.handle.in_use() as client:

@@ -204,7 +204,8 @@ class BaseClock:
         pre_callback: JumpHandlePreCallbackType | None = None,
         post_callback: Callable[[TimeJump], Any] | None = None,
     ) -> JumpHandle:
-        """Call `pre_callback()` before and `post_callback(jump)` after each jump that the threshold selects.
+        """Register functions for jumps that the threshold selects: `pre_callback()` is called before,
+        `post_callback(jump)` after a jump.
 
         Both callbacks run in the thread that changes the time, until the returned handle is unregistered.
 

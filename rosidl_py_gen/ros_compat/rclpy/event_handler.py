@@ -192,7 +192,7 @@ class _EventCallbacks:
     def _rosidl_default_callbacks(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Return the default callbacks by event name, which log incompatible peers.
 
-        Empty if default callbacks are switched off.
+        The result is empty if default callbacks are switched off.
         """
         if not self.use_default_callbacks:
             return {}
@@ -239,7 +239,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
     ) -> list[EventHandler]:
         """Return a waitable for each callback of the program.
 
-        With `use_default_callbacks`, also for the default callbacks.
+        With `use_default_callbacks`, the default callbacks get waitables, too.
         """
         return self._rosidl_handlers(callback_group, subscription, topic_name)
 
@@ -272,6 +272,6 @@ class PublisherEventCallbacks(_EventCallbacks):
     ) -> list[EventHandler]:
         """Return a waitable for each callback of the program.
 
-        With `use_default_callbacks`, also for the default callbacks.
+        With `use_default_callbacks`, the default callbacks get waitables, too.
         """
         return self._rosidl_handlers(callback_group, publisher, topic_name)

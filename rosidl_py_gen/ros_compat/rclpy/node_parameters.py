@@ -49,7 +49,8 @@ _NAME_ONLY = (
 class NodeParameters:
     """Parameters of a node and their callbacks, as in rclpy.
 
-    The runtime's node reads command lines and files, and declares only the values that it finds there.
+    The underlying node of rosidl_py_gen.runtime reads command lines and files, and declares only the values that it
+    finds there.
     """
 
     PARAM_REL_TOL = rules.RELATIVE_TOLERANCE

@@ -1,10 +1,12 @@
 """Reader of the arguments of `setup` in a setup.py, from its syntax tree without running it.
 
-An interpreter executes the statements in their order, with values that it knows. It understands functions of the file,
-loops over known elements, and common functions for paths, texts and lists. It knows its limits:
+An interpreter executes the statements in their order, with the values that it knows. It understands functions of the
+file, loops over known elements, and common functions for paths, texts and lists. Values that it cannot determine are
+marked as uncertain:
 
-- A statement or call that it does not understand makes all values uncertain that the statement can reach by its names.
-- A branch whose condition is unknown is executed with a doubt: the values that it changes become uncertain.
+- A statement or call that the interpreter does not understand makes all values uncertain that the statement can reach
+  by its names.
+- A branch whose condition is unknown is executed, but the values that it changes become uncertain.
 - A list that is uncertain keeps its known elements.
 
 So an argument is either right, or marked as uncertain with a reason.

@@ -83,7 +83,7 @@ class Variables:
     def _doubting(self, why: str) -> Iterator[None]:
         """Evaluate the block as code that may be skipped when setup.py runs, for the reason `why`.
 
-        Returns "" means that it is not skipped.
+        If `why` is empty, the block is evaluated as code that is not skipped.
         """
         if why:
             self._doubts.append(why)
