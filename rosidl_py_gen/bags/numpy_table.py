@@ -174,7 +174,7 @@ def _padded(value: Any, length: int, kind: str, pad: Any) -> Any:
 def _typed_pad(column: Column, pad: Any) -> Any:
     """Return the padding value converted to the type of its column.
 
-    Raise ValueError if the conversion changes the value.
+    Raises ValueError if the conversion changes the value.
     """
     if isinstance(pad, str) != (column.kind == "U"):
         raise ValueError(f"pad={pad!r:.50} is not a {'text' if column.kind == 'U' else 'number'}; {_PAD_ADVICE}")

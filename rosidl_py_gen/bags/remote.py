@@ -41,7 +41,7 @@ def is_url(location: str) -> bool:
 def has_colons_in_names(url: str) -> bool:
     """Return True if ``::`` in the URL of a bag belongs to a file name.
 
-    Fsspec would take it as a separator between two URLs.
+    The package fsspec would take the colons as a separator between two URLs.
     """
     first, separator, rest = url.partition("::")
     protocol, is_one, _ = first.partition("://")

@@ -41,7 +41,7 @@ COUNT_BYTES = 4
 COUNT_CODE = "I"
 MAX_COUNT = 0xFFFFFFFF
 NUL = b"\0"
-"""Terminator of a string, included in its length prefix. A wstring has none."""
+"""Terminator byte of a string, which counts in the string's length prefix. A wstring has no terminator."""
 WSTRING_UNIT_BYTES = 4
 """Size of a UTF-16 code unit of a wstring, which travels as a u32."""
 MAX_WSTRING_UNIT = 0xFFFF

@@ -107,8 +107,8 @@ class Database:
     ) -> dict[str, str]:
         """Add the topics that a query names as tables, from bags by name and from datasets.
 
-        Returns the topics that were skipped, each with the reason. Raises `BagError` if the query cannot be parsed, and
-        otherwise as `write_dataset`.
+        Returns the topics that were skipped, each with the reason. Raises `BagError` if the query cannot be parsed;
+        other errors are as for `write_dataset`.
         """
         files = [entry for place in datasets for entry in self._dataset_files(place)]
         topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])

@@ -329,9 +329,8 @@ def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[Mes
 
 
 def _detach_block(block: MessageBlock) -> MessageBlock:
-    """Return the block of messages.
-
-    If they are a small fraction of their chunk, a copy, so that the chunk can be freed.
+    """Return the block of messages, or a copy if its messages are a small fraction of their chunk, so that the chunk
+    can be freed.
     """
     if len(block.data) <= _MAX_RATIO * int(block.size.sum()):
         return block
@@ -339,9 +338,8 @@ def _detach_block(block: MessageBlock) -> MessageBlock:
 
 
 def _detach_message(message: RawTuple) -> RawTuple:
-    """Return the message.
-
-    If its bytes are a small fraction of a chunk in memory, a copy, so that the chunk can be freed.
+    """Return the message, or a copy if its bytes are a small fraction of a chunk in memory, so that the chunk can be
+    freed.
     """
     data = message[1]
     if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]

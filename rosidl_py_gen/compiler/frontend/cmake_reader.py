@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 GENERATE = "rosidl_generate_interfaces"
 UNKNOWN = "\0"
-"""Value of an argument that cannot be determined."""
+"""Value of an argument of a CMake command that cannot be determined."""
 
 _TOKEN = re.compile(
     r'#?\[(?P<level>=*)\[(?P<raw>.*?)(?:\](?P=level)\]|\Z)|#[^\n]*|"(?P<quoted>[^"\\]*(?:\\.[^"\\]*)*)("|\Z)|[()]'

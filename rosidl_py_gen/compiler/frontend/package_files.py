@@ -21,7 +21,7 @@ _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
 """Maximum size in bytes of a CMakeLists.txt or another file that is read from a package."""
 MAX_FOLDER_DEPTH = 100
-"""Maximum depth of folders of a package: the time to reach a folder grows with its depth."""
+"""Maximum depth of folders of a package, because the time to reach a folder grows with its depth."""
 _MAX_ENTRIES = 100_000
 """Maximum files and folders below a package folder. The limit stops a search that was started in a wrong folder, such
 as a home folder."""

@@ -51,7 +51,9 @@ _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMe
 
 
 class InterfaceRegistry:
-    """Interfaces by name, parsed on first use, with the diagnostics of the files that were read."""
+    """Collection of interfaces by name, which are parsed on first use, with the diagnostics of the files that were
+    read.
+    """
 
     def __init__(self, search: SearchPath) -> None:
         self.search = search

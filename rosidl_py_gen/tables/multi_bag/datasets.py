@@ -193,7 +193,7 @@ class _DatasetJob:
     def tasks(self, due: list[tuple[BagSource, set[int]]], run: TaskRunner) -> list[Task]:
         """Return the tasks for bags that are missing completely or partly.
 
-        Returns `run` reads large bags to find out where to split them.
+        The function `run` reads large bags to find out where to split them.
         """
         tasks: list[Task] = []
         large: list[Task] = []

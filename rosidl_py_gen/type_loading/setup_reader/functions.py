@@ -455,7 +455,7 @@ class Functions:
     def lines(self, text: str) -> list[str]:
         """Return the lines of a text, split only at line feeds as in a file.
 
-        Returns `str.splitlines` would split at more characters.
+        The method `str.splitlines` would split at more characters.
         """
         self._budget.spend(len(text) + 16 * text.count("\n"))
         *lines, last = text.split("\n")
