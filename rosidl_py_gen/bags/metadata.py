@@ -5,7 +5,7 @@ Written is version 8, which ROS 2 Humble to Kilted read. Versions 1 to 9 are rea
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,8 +24,8 @@ FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
 _MAX_QOS_BYTES = 1 << 20
 """Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
-PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
-"""Names of the duration fields of a QoS profile, each with the name that rosbag2 uses for it."""
+_POLICIES = sorted(POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
+"""All policies in the order in which rosbag2 writes them, which is that of the fields of `QoSProfile`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,17 +252,11 @@ def qos_text(profiles: Iterable[QoSProfile]) -> str:
 
 
 def _profile_row(profile: QoSProfile) -> dict[str, Any]:
-    return {
-        "history": int(profile.history),
-        "depth": profile.depth,
-        "reliability": int(profile.reliability),
-        "durability": int(profile.durability),
-        "deadline": _time(profile.deadline_ns),
-        "lifespan": _time(profile.lifespan_ns),
-        "liveliness": int(profile.liveliness),
-        "liveliness_lease_duration": _time(profile.liveliness_lease_ns),
-        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
-    }
+    row: dict[str, Any] = {}
+    for policy in _POLICIES:
+        value = getattr(profile, policy.field)
+        row[policy.rmw_name] = _time(value) if policy.is_period else int(value) if policy.enum else value
+    return row
 
 
 def _time(nanoseconds: int) -> dict[str, int]:
@@ -282,9 +276,11 @@ def qos_profiles(text: str) -> list[QoSProfile]:
 
 def _parse_profile(row: Any) -> QoSProfile:
     values: dict[str, Any] = {}
-    for name, kind in POLICIES.items():
-        value: Any = _scalar(row[name])
-        values[name] = kind[value.upper()] if isinstance(value, str) else kind(value)
-    for name, key in PERIODS.items():
-        values[name] = min(int(row[key]["sec"]) * NS_PER_S + int(row[key]["nsec"]), INFINITE_NS)
+    for policy in POLICIES:
+        name = policy.rmw_name
+        if policy.enum is not None:
+            value: Any = _scalar(row[name])
+            values[policy.field] = policy.enum[value.upper()] if isinstance(value, str) else policy.enum(value)
+        elif policy.is_period:
+            values[policy.field] = min(int(row[name]["sec"]) * NS_PER_S + int(row[name]["nsec"]), INFINITE_NS)
     return QoSProfile(depth=int(row["depth"]), **values)

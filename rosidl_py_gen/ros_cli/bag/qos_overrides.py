@@ -13,23 +13,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.bags.metadata import PERIODS
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli.bag.yaml_tree import entries, parse, read_text, text, wrong
 from rosidl_py_gen.runtime import InvalidQoSError, QoSProfile, validate_full_name
-from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
+from rosidl_py_gen.runtime.qos import ENUMS, INFINITE_NS, PERIODS, POLICIES
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.bag.yaml_tree import YamlNode, YamlScalar
 
 _PERIOD_FIELDS = {key: name for name, key in PERIODS.items()}
 _CHOICES: dict[str, dict[str, Any]] = {
-    **{key: {one.name.lower(): one for one in kind if one.name != "UNKNOWN"} for key, kind in POLICIES.items()},
+    **{key: {one.name.lower(): one for one in kind if one.name != "UNKNOWN"} for key, kind in ENUMS.items()},
     "avoid_ros_namespace_conventions": {"true": True, "false": False},
 }
-_KEYS = (*POLICIES, "depth", *_PERIOD_FIELDS, "avoid_ros_namespace_conventions")
+_KEYS = tuple(policy.rmw_name for policy in POLICIES)
 _EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
 

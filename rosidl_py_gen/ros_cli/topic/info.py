@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +12,8 @@ from rosidl_py_gen.ros_cli import options, terminal_output
 from rosidl_py_gen.ros_cli.graph_verbs import find_verb, graph_rows, type_verb
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import Node, QoSProfile, TopicEndpointInfo
 
@@ -107,10 +110,6 @@ async def info(command_node: CommandNode, topic: str, timeout_s: float | None, v
 
 def _description(endpoint: TopicEndpointInfo) -> list[str]:
     """Return lines about an endpoint in the form of rclpy's ``TopicEndpointInfo``."""
-    from rosidl_py_gen.runtime import History
-
-    qos = endpoint.qos_profile
-    depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
     return [
         f"Node name: {endpoint.node_name}",
         f"Node namespace: {endpoint.node_namespace}",
@@ -119,14 +118,23 @@ def _description(endpoint: TopicEndpointInfo) -> list[str]:
         f"Endpoint type: {endpoint.endpoint_type.name}",
         f"GID: {endpoint.endpoint_gid.hex('.')}",
         "QoS profile:",
-        f"  Reliability: {qos.reliability.name}",
-        f"  History (Depth): {qos.history.name}{depth}",
-        f"  Durability: {qos.durability.name}",
-        f"  Lifespan: {_period(qos.lifespan_ns)}",
-        f"  Deadline: {_period(qos.deadline_ns)}",
-        f"  Liveliness: {qos.liveliness.name}",
-        f"  Liveliness lease duration: {_period(qos.liveliness_lease_ns)}",
+        *_profile_lines(endpoint.qos_profile),
     ]
+
+
+def _profile_lines(qos: QoSProfile) -> Iterator[str]:
+    from rosidl_py_gen.runtime import History
+    from rosidl_py_gen.runtime.qos import POLICIES
+
+    depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
+    for policy in POLICIES:
+        value = getattr(qos, policy.field)
+        if policy.enum is not None:
+            yield f"  {policy.label}: {value.name}{depth if policy.field == 'history' else ''}"
+        elif policy.is_period:
+            yield f"  {policy.label}: {_period(value)}"
+        elif policy.label:
+            yield f"  {policy.label}: {value}"
 
 
 def _row(endpoint: TopicEndpointInfo) -> dict[str, Any]:
@@ -141,16 +149,11 @@ def _row(endpoint: TopicEndpointInfo) -> dict[str, Any]:
 
 
 def _qos_row(qos: QoSProfile) -> dict[str, Any]:
-    return {
-        "reliability": qos.reliability.name.lower(),
-        "history": qos.history.name.lower(),
-        "depth": qos.depth,
-        "durability": qos.durability.name.lower(),
-        "lifespan_ns": qos.lifespan_ns,
-        "deadline_ns": qos.deadline_ns,
-        "liveliness": qos.liveliness.name.lower(),
-        "liveliness_lease_ns": qos.liveliness_lease_ns,
-    }
+    from rosidl_py_gen.runtime.qos import POLICIES
+
+    # Discovery does not say whether a name has the prefix of ROS.
+    named = {policy.field: getattr(qos, policy.field) for policy in POLICIES if policy.label or policy.field == "depth"}
+    return {field: value.name.lower() if isinstance(value, Enum) else value for field, value in named.items()}
 
 
 def _period(period_ns: int) -> str:

@@ -9,6 +9,7 @@ from rclpy.impl._fields import Checked
 from rclpy.qos import QoSHistoryPolicy, QoSPresetProfiles, QoSProfile
 from rclpy.type_hash import TypeHash
 from rosidl_py_gen import runtime
+from rosidl_py_gen.runtime.qos import POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -60,14 +61,10 @@ def _gid_text(gid: list[int]) -> str:
 
 
 def _profile_lines(qos: QoSProfile, indent: str, history: str) -> list[str]:
+    values = {policy: getattr(qos, policy.rmw_name) for policy in POLICIES if policy.label}
+    texts = {policy: value.name if policy.enum is not None else value for policy, value in values.items()}
     return [
-        f"{indent}Reliability: {qos.reliability.name}",
-        f"{indent}History (Depth): {history}",
-        f"{indent}Durability: {qos.durability.name}",
-        f"{indent}Lifespan: {qos.lifespan}",
-        f"{indent}Deadline: {qos.deadline}",
-        f"{indent}Liveliness: {qos.liveliness.name}",
-        f"{indent}Liveliness lease duration: {qos.liveliness_lease_duration}",
+        f"{indent}{policy.label}: {history if policy.rmw_name == 'history' else text}" for policy, text in texts.items()
     ]
 
 

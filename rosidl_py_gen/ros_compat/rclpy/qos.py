@@ -208,32 +208,25 @@ class QoSProfile:
         Raises:
             rosidl_py_gen.runtime.InvalidQoSError: a number is out of range; a ValueError.
         """
-        return _RuntimeProfile(
-            history=runtime.History(self.history),
-            depth=int(self.depth),
-            reliability=runtime.Reliability(self.reliability),
-            durability=runtime.Durability(self.durability),
-            lifespan_ns=self.lifespan.nanoseconds,
-            deadline_ns=self.deadline.nanoseconds,
-            liveliness=runtime.Liveliness(self.liveliness),
-            liveliness_lease_ns=self.liveliness_lease_duration.nanoseconds,
-            avoid_ros_namespace_conventions=self.avoid_ros_namespace_conventions,
-        )
+        values = {}
+        for policy in presets.POLICIES:
+            value = getattr(self, policy.rmw_name)
+            if policy.enum is not None:
+                value = policy.enum(value)
+            elif policy.is_period:
+                value = value.nanoseconds
+            values[policy.field] = value
+        values["depth"] = int(self.depth)  # a bool is an int in rclpy
+        return _RuntimeProfile(**values)
 
     @classmethod
     def _rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
-        """Convert a QoS profile of rosidl_py_gen.runtime to a `QoSProfile`, without a warning for depth 0."""
-        converted = cls(
-            depth=1,
-            history=profile.history,
-            reliability=profile.reliability,
-            durability=profile.durability,
-            lifespan=Duration(nanoseconds=profile.lifespan_ns),
-            deadline=Duration(nanoseconds=profile.deadline_ns),
-            liveliness=profile.liveliness,
-            liveliness_lease_duration=Duration(nanoseconds=profile.liveliness_lease_ns),
-            avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-        )
+        """Convert a QoS profile of the runtime, without a warning for depth 0."""
+        values = {}
+        for policy in presets.POLICIES:
+            value = getattr(profile, policy.field)
+            values[policy.rmw_name] = Duration(nanoseconds=value) if policy.is_period else value
+        converted = cls(**{**values, "depth": 1})
         converted._depth = profile.depth
         return converted
 

@@ -26,6 +26,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.subscription import Subscription
+from rosidl_py_gen.runtime.qos import ENUMS, PERIODS
 
 if TYPE_CHECKING:
     from rclpy.node import BaseNode
@@ -112,19 +113,11 @@ def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> str | i
     return number
 
 
-_POLICIES: dict[str, type[QoSPolicyEnum]] = {
-    "history": HistoryPolicy,
-    "reliability": ReliabilityPolicy,
-    "durability": DurabilityPolicy,
-    "liveliness": LivelinessPolicy,
-}
-
-
 def _as_policy(field: str, parameter: Parameter) -> Any:
     value = parameter.value
-    if field in _POLICIES:
+    if field in ENUMS:
         try:
-            return _POLICIES[field][value.upper()]
+            return ENUMS[field][value.upper()]
         except KeyError:
             raise RuntimeError(f"Unexpected QoS override for policy `{field}`: `{value}`") from None
-    return Duration(nanoseconds=value) if field in ("lifespan", "deadline", "liveliness_lease_duration") else value
+    return Duration(nanoseconds=value) if field in PERIODS.values() else value

@@ -78,13 +78,48 @@ class QoSPolicyKind(IntEnum):
     AVOID_ROS_NAMESPACE_CONVENTIONS = 512
 
 
-POLICIES: dict[str, type[IntEnum]] = {
-    "history": History,
-    "reliability": Reliability,
-    "durability": Durability,
-    "liveliness": Liveliness,
-}
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """A policy of `QoSProfile`: its names, and the kind of its value.
+
+    Attributes:
+        field: field of `QoSProfile`; a field that ends with ``_ns`` is a period.
+        rmw_name: name in rmw, in rclpy and in the files of rosbag2.
+        label: name in texts for people; empty for a policy that they do not show on a line of its own.
+        enum: enum class of the values; None for numbers and flags.
+    """
+
+    field: str
+    rmw_name: str
+    label: str = ""
+    enum: type[IntEnum] | None = None
+
+    @property
+    def is_period(self) -> bool:
+        """Return True if the value is a duration in nanoseconds."""
+        return self.field.endswith("_ns")
+
+
+POLICIES = (
+    Policy("reliability", "reliability", "Reliability", Reliability),
+    Policy("history", "history", "History (Depth)", History),
+    Policy("depth", "depth"),
+    Policy("durability", "durability", "Durability", Durability),
+    Policy("lifespan_ns", "lifespan", "Lifespan"),
+    Policy("deadline_ns", "deadline", "Deadline"),
+    Policy("liveliness", "liveliness", "Liveliness", Liveliness),
+    Policy("liveliness_lease_ns", "liveliness_lease_duration", "Liveliness lease duration"),
+    Policy("avoid_ros_namespace_conventions", "avoid_ros_namespace_conventions"),
+)
+"""All policies, in the order of ``ros2 topic info --verbose``.
+
+Checks of a profile, files of rosbag2, texts and the rclpy layer follow this table. The middlewares do not: each has its
+own form for a policy. CONTRIBUTING.md has the steps to add one.
+"""
+ENUMS = {policy.field: policy.enum for policy in POLICIES if policy.enum is not None}
 """Enum class of each policy whose value is an enum member, by field of `QoSProfile`."""
+PERIODS = {policy.field: policy.rmw_name for policy in POLICIES if policy.is_period}
+"""Name in rmw of each policy whose value is a period, by field of `QoSProfile`."""
 
 
 def _policy_member(name: str, kind: type[IntEnum], value: object) -> IntEnum:
@@ -132,13 +167,13 @@ class QoSProfile:
     avoid_ros_namespace_conventions: bool = False
 
     def __post_init__(self) -> None:
-        for name, kind in POLICIES.items():
+        for name, kind in ENUMS.items():
             value: object = getattr(self, name)
             if value.__class__ is not kind:
                 object.__setattr__(self, name, _policy_member(name, kind, value))
         if self.depth.__class__ is not int or not 0 <= self.depth <= MAX_DEPTH:
             raise InvalidQoSError(f"depth must be an int from 0 to {MAX_DEPTH}, got {self.depth!r}")
-        for name in ("deadline_ns", "lifespan_ns", "liveliness_lease_ns"):
+        for name in PERIODS:
             period = getattr(self, name)
             if period.__class__ is not int or not 0 <= period <= INFINITE_NS:
                 raise InvalidQoSError(f"{name} must be an int of nanoseconds from 0 to 2**63-1, got {period!r}")
@@ -243,7 +278,7 @@ def as_profile(qos: QoSLike) -> QoSProfile:
         InvalidQoSError: `qos` is neither a profile nor a valid depth, or has an UNKNOWN policy.
     """
     if isinstance(qos, QoSProfile):
-        for name, kind in POLICIES.items():
+        for name, kind in ENUMS.items():
             if getattr(qos, name).name == "UNKNOWN":
                 raise InvalidQoSError(
                     f"{name} must not be {kind.__name__}.UNKNOWN; that value only describes discovered endpoints"

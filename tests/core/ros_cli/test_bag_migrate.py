@@ -392,8 +392,11 @@ def test_qos_overrides_are_read_in_format_of_rosbag2(tmp_path: Path) -> None:
     [
         ("scan: {depth: 1}", "<profiles>:1:1: expected the full name of a topic"),
         ("- /scan", "<profiles>:1:1: expected topics"),
-        ("/scan: 5", "<profiles>:1:8: expected policies, of history"),
-        ("/scan:\n  depht: 5", "<profiles>:2:3: expected policies, of history, reliability, durability, liveliness, d"),
+        ("/scan: 5", "<profiles>:1:8: expected policies, of reliability"),
+        (
+            "/scan:\n  depht: 5",
+            "<profiles>:2:3: expected policies, of reliability, history, depth, durability, lifespan, d",
+        ),
         ("/scan:\n  depth: -1", '<profiles>:2:10: depth: expected a whole number, 0 or more; found "-1"'),
         ("/scan:\n  depth: 3000000000", "<profiles>:2:3: /scan: depth must be an int from 0"),
         ("/scan:\n  depth: [1]", "<profiles>:2:10: depth: expected a whole number, 0 or more"),

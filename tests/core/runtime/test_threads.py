@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as NotDoneError
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -180,6 +182,34 @@ def test_entities_closed_by_eight_threads_at_once_are_closed_once(
     assert node._scope.owned == {} and node._scope.with_callbacks == {}
     get_logger("after").warning("the file is open")
     assert "the file is open" in "".join(file.read_text() for file in tmp_path.iterdir())
+
+
+def test_participant_is_deleted_after_an_endpoint_that_another_thread_deletes(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dds.context()  # uses the domain, so the domain stays
+    context = dds.context()
+    node = dds.node("n", context=context)
+    publisher = node.create_publisher(Int32, "t")
+    api = node._scope.participant.api
+    delete, deleting, may_delete = api.delete, threading.Event(), threading.Event()
+
+    def delete_slowly(entity: int) -> int:
+        if not deleting.is_set():  # the publisher, not what the context closes
+            deleting.set()
+            assert may_delete.wait(10)
+        return int(delete(entity))
+
+    monkeypatch.setattr(api, "delete", delete_slowly)
+    with ThreadPoolExecutor(2) as pool:
+        publisher_closed = pool.submit(publisher.close)
+        assert deleting.wait(10)
+        context_closed = pool.submit(context.close)
+        with pytest.raises(NotDoneError):
+            context_closed.result(0.2)
+        assert not publisher_closed.done()
+        may_delete.set()
+        publisher_closed.result(10), context_closed.result(10)
 
 
 DEFAULT_CONTEXT = """

@@ -108,13 +108,23 @@ class Sertypes:
 # -------------------------------------------------------------------------------------------------------------- domains
 
 _CLOSE_TIMEOUT_S = 5.0
-"""Maximum time that `Domain.leave` waits for other threads that write, in seconds."""
+"""Maximum time that `wait_for_others` waits, in seconds."""
 _CLOSE_POLL_INTERVAL_S = 0.001
-"""Interval in which `Domain.leave` polls, in seconds: a notification by each write would cost more than the write."""
+"""Interval in which `wait_for_others` polls, in seconds: a notification would cost more than a write."""
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 _FIRST_UNICAST_PORT = 10
 _PORTS_PER_INDEX = 2
+
+
+def wait_for_others(threads: list[int]) -> None:
+    """Wait until the list of thread ids has no other id than that of this thread, or the maximum time has passed.
+
+    A signal handler may close a context during a write of its own thread, which never ends while the handler waits.
+    """
+    end_s, thread_id = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
+    while any(other != thread_id for other in tuple(threads)) and time.monotonic() < end_s:
+        time.sleep(_CLOSE_POLL_INTERVAL_S)
 
 
 class Domain:
@@ -199,11 +209,8 @@ class Domain:
             if self._users == 0:
                 del self._open[self._domain_id]
                 self.is_closing = True
-                end_s, thread_id = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
-                # A signal handler may close the last context during a write of its own thread, which then never ends
-                # while this waits: that write deletes the domain at its end.
-                while any(writer != thread_id for writer in tuple(self.writing)) and time.monotonic() < end_s:
-                    time.sleep(_CLOSE_POLL_INTERVAL_S)
+                # A write of this thread deletes the domain at its end.
+                wait_for_others(self.writing)
                 self.end_if_unused()
 
     def end_if_unused(self) -> None:

@@ -119,15 +119,20 @@ class _CycloneEndpoint:
         return self._api.counts(self.entity, *self._statuses[event])
 
     def _delete(self, entity: int) -> None:
-        """Delete the endpoint, unless the domain is closing; the deletion of the domain waits for this call."""
-        domain, thread_id = self._owner.domain, _get_thread_id()
-        # Announced before `is_closing` is read, so that either this call sees it, or `Domain.leave` waits.
+        """Delete the endpoint, unless its participant or the domain is being deleted, which deletes the endpoint.
+
+        The deletion of the participant and of the domain wait for this call.
+        """
+        owner, domain, thread_id = self._owner, self._owner.domain, _get_thread_id()
+        # Announced before `is_deleted` and `is_closing` are read: this call sees them, or the other thread waits.
+        owner.deleting.append(thread_id)
         domain.writing.append(thread_id)
         try:
-            if not domain.is_closing:
+            if not (owner.is_deleted or domain.is_closing):
                 self._api.delete(entity)
-                self._owner.release_topic(self.topic, self.type)
+                owner.release_topic(self.topic, self.type)
         finally:
+            owner.deleting.remove(thread_id)
             domain.writing.remove(thread_id)
             if domain.is_closing:
                 domain.end_if_unused()

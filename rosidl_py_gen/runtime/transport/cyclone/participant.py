@@ -37,7 +37,7 @@ from rosidl_py_gen.runtime.transport.api import (
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
-from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
+from rosidl_py_gen.runtime.transport.cyclone.domain import Domain, wait_for_others
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
     EarlySampleReaders,
@@ -142,6 +142,10 @@ class CycloneParticipant:
         self._ros_distro = settings.ros_distro
         self.domain_id = settings.domain_id
         self._closed = False
+        self.is_deleted = False
+        """True from the moment on when `close` deletes the participant, and with it all endpoints that are left."""
+        self.deleting: list[int] = []
+        """Ids of threads that delete an endpoint."""
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
@@ -493,5 +497,10 @@ class CycloneParticipant:
         # Deleting a builtin reader frees the samples that it has lent, also while a thread reads them
         # (docs/internals/dds.md 9), so the thread must have stopped before.
         self.discovery.stop()
+        # Cyclone aborts the process if one thread deletes an endpoint while another one deletes its participant: the
+        # first one locks or unlocks the mutex of an entity that the second one has freed. Seen with 11.0.1 in
+        # `really_delete_pinned_closed_locked`.
+        self.is_deleted = True
+        wait_for_others(self.deleting)
         self._undo.close()
         self.discovery.close()

@@ -1,0 +1,78 @@
+"""Each policy of `QoSProfile` has a row in `POLICIES`, and a form in both middlewares and in bags.
+
+A new policy fails here for each place that does not have it; tests/slow/ros_compat/test_qos_policies.py is about rclpy.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+
+from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import qos_text as bag_text
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
+from rosidl_py_gen.runtime.transport.qos import (
+    DEFAULT,
+    POLICIES,
+    Durability,
+    History,
+    Liveliness,
+    QoSPolicyKind,
+    QoSProfile,
+    Reliability,
+    effective,
+)
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import qos_text, read_qos
+
+CHANGED: dict[str, Any] = {
+    "history": History.KEEP_ALL,
+    "depth": 7,
+    "reliability": Reliability.BEST_EFFORT,
+    "durability": Durability.TRANSIENT_LOCAL,
+    "deadline_ns": 1_500_000_000,
+    "lifespan_ns": 2_500_000_000,
+    "liveliness": Liveliness.MANUAL_BY_TOPIC,
+    "liveliness_lease_ns": 3_500_000_000,
+    "avoid_ros_namespace_conventions": True,
+}
+"""A value of each policy that is not its default."""
+ANNOUNCED = sorted(CHANGED.keys() - {"avoid_ros_namespace_conventions"})  # which is a matter of the topic's name
+FIELDS = sorted(field.name for field in fields(QoSProfile))
+
+
+def changed(field: str) -> QoSProfile:
+    return replace(DEFAULT, **{field: CHANGED[field]})
+
+
+def test_every_policy_has_a_row_a_changed_value_and_a_number() -> None:
+    assert sorted(policy.field for policy in POLICIES) == sorted(CHANGED) == FIELDS
+    assert {policy.rmw_name.upper() for policy in POLICIES} == {kind.name for kind in QoSPolicyKind} - {"INVALID"}
+    assert [field for field in FIELDS if CHANGED[field] == getattr(DEFAULT, field)] == []
+
+
+@pytest.mark.dds
+@pytest.mark.parametrize("field", ANNOUNCED)
+def test_dds_endpoints_have_the_policy(field: str) -> None:
+    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
+    from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, load
+    from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, read_profile
+
+    library = load(os.environ)
+    assert isinstance(library, DdscLibrary)
+    api, profile = CycloneApi(library.handle), effective(changed(field), is_writer=True)
+    with endpoint_qos(api, EndpointSpec(TopicKey("topic", "/t"), "a/msg/B", profile), is_writer=True) as qos:
+        assert read_profile(api, qos, is_writer=True) == profile
+
+
+@pytest.mark.parametrize("field", ANNOUNCED)
+def test_zenoh_tokens_have_the_policy(field: str) -> None:
+    read = read_qos(qos_text(changed(field)))
+    assert read is not None and getattr(read, field) == CHANGED[field] != getattr(read_qos(qos_text(DEFAULT)), field)
+
+
+@pytest.mark.parametrize("field", ANNOUNCED)
+def test_bags_have_the_policy(field: str) -> None:
+    assert qos_profiles(bag_text([changed(field)])) == [changed(field)]
