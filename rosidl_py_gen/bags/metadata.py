@@ -25,7 +25,7 @@ _ROOT = "rosbag2_bagfile_information"
 _MAX_QOS_BYTES = 1 << 20
 """Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
 _POLICIES = sorted(POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
-"""All policies in the order in which rosbag2 writes them, which is that of the fields of `QoSProfile`."""
+"""All QoS policies in the order in which rosbag2 writes them, which is the order of the fields of `QoSProfile`."""
 
 
 @dataclass(frozen=True, slots=True)
