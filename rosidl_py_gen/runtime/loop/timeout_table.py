@@ -1,4 +1,4 @@
-"""Table of the timeouts of many operations, with one timer of the event loop for all.
+"""Table of the timeouts of many operations, which use one timer of the event loop.
 
 Most operations end long before their timeout. So `remove` does not touch the timer, which finds the next timeout when
 it fires: a timer for each operation would be a tenth of the cost of a service call.
@@ -26,7 +26,7 @@ class TimeoutTable:
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, number: int, timeout_s: float) -> None:
-        """Add an operation whose timeout starts now, in seconds."""
+        """Add an operation by number; its timeout of this many seconds starts now."""
         end_s = self._ends_s[number] = self.loop.time() + timeout_s
         if self._timer is None or end_s < self._timer.when():
             self._schedule_check(end_s)
