@@ -1,4 +1,6 @@
-"""Index of discovered endpoints, a cache of results that depend on them, and the fair share of a server's queue."""
+"""Index of discovered endpoints, a cache of results that depend on them, and the share of a server's queue that a
+client may use.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,12 @@ class EndpointIndex:
 
     def __init__(self) -> None:
         self.version = 0
-        """Number that is incremented after each change; other threads cache results by this version."""
+        """Number that is incremented after each change of the index, so that other threads can cache results together
+        with it."""
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self._by_topic_key: dict[TopicKey, dict[bytes, DiscoveredEndpoint]] = {}
-        """Endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without the GIL."""
+        """Discovered endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without
+        the GIL."""
         self._change_lock = threading.RLock()
 
     def add(self, endpoint: DiscoveredEndpoint) -> None:
@@ -78,7 +82,7 @@ class MatchCache(Generic[ResultT]):
         self._endpoints = endpoints
         self._check = check
         self._cached: tuple[int, dict[Hashable, ResultT]] = -1, {}
-        """Version of the endpoints, and true results by key for that version.
+        """Version of the endpoints, and the true results by key for that version.
 
         A thread that is late stores its result into the dict of its own version.
         """
@@ -100,9 +104,9 @@ class MatchCache(Generic[ResultT]):
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
     """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
 
-    `servers` are the profiles of request readers, `clients` the request writers of all clients, own ones included. All
-    clients share the queue of a server. So the smallest keep-last depth is divided by the number of the clients'
-    participants; each participant gets at least 1.
+    `servers` are the profiles of request readers, `clients` the request writers of all clients, including this
+    participant's own. All clients share the queue of a server. So the smallest keep-last depth is divided by the number
+    of the clients' participants; each participant gets at least 1.
     """
     depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
     return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))

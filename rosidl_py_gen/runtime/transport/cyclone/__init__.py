@@ -1,1 +1,1 @@
-"""DDS transport over the C functions of Cyclone DDS; only this package knows Cyclone."""
+"""DDS transport based on the C functions of Cyclone DDS; no other package calls Cyclone."""

@@ -40,18 +40,21 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
 
 _BATCH = 64
-"""Length of all arrays for samples of a builtin reader: Cyclone 0.10 writes as many pointers as it has ever lent."""
+"""Length of the arrays into which samples of a builtin reader are read. All have this length, because Cyclone 0.10
+writes as many pointers as it has ever lent."""
 _MAX_LOST_HANDLES = 4096
-"""Maximum number of handles of lost endpoints to retain: last samples of these endpoints may still be in a queue."""
+"""Maximum number of handles of lost endpoints that are remembered, because last samples of these endpoints may still be
+in a queue."""
 _ALIVE = 16
 _UNREAD = 2 | 4 | 8 | _ALIVE
-"""State mask of samples that were not read yet, in any view state, of alive instances."""
+"""State mask that selects samples of alive instances that were not read yet, whatever their view state."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
-"""Unpack instance_state, valid_data and instance_handle from a dds_sample_info_t (64 bytes)."""
+"""Function that unpacks instance_state, valid_data and instance_handle from the bytes of a dds_sample_info_t (64
+bytes)."""
 _ADDRESSES = b"__NetworkAddresses"
-"""Property in which Cyclone stores the network addresses of a discovered participant."""
+"""Name of the property in which Cyclone stores the network addresses of a discovered participant."""
 _FAST_DDS = (b"PARTICIPANT_TYPE", b"fastdds.physical_data.host")
-"""Properties that only participants on Fast DDS have."""
+"""Names of properties that only participants on Fast DDS have."""
 _BUILTIN_PREFIX = "DCPS"
 """Prefix of the names of DDS builtin topics."""
 _TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
@@ -98,12 +101,14 @@ class BuiltinTopicReaders:
         fast_dds.on_participants_pending(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.report_lock = threading.RLock()
-        """Lock held from reading events until the sink has applied them: without a loop, several threads report."""
+        """Lock that is held from reading events until the sink has applied them, because without a loop several threads
+        report."""
         self._lock = threading.RLock()
-        """Lock of the builtin readers; not held while the sink runs, because a sink may call functions of the user."""
+        """Lock of the builtin readers. It is not held while the sink runs, because a sink may call functions of the
+        user."""
         self._is_stopped = False
         self.guids: dict[int, bytes] = {}
-        """GUIDs of discovered endpoints by local handle; `endpoint_guid` finds those that are missing here."""
+        """GUIDs of discovered endpoints by local handle; `endpoint_guid` finds GUIDs that are missing here."""
         self._lost_handles: deque[int] = deque()
 
     def _loaned_samples(
@@ -125,7 +130,10 @@ class BuiltinTopicReaders:
                     self._api.return_loan(reader, pointers, count)
 
     def _on_participants(self, reader: int, stream: int) -> None:
-        """Record new participants. Called by Cyclone's thread, before it processes anything else of a participant."""
+        """Record new participants.
+
+        Called by a thread of Cyclone before it processes anything else about a participant.
+        """
         self._fast_dds.on_participants_pending(reader)
         try:
             for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _UNREAD):
@@ -221,7 +229,9 @@ class BuiltinTopicReaders:
             self._is_stopped = True
 
     def close(self) -> None:
-        """Forget what the builtin readers, which were deleted with the participant, reported about Fast DDS peers."""
+        """Discard what is known about Fast DDS peers from builtin readers, which were deleted together with the
+        participant.
+        """
         reader = self._readers[DCPS_PARTICIPANT]
         self._fast_dds.forget_reader(reader)
         discard_secured_fast_dds(reader)
@@ -245,7 +255,7 @@ class BuiltinTopicReaders:
         return [guid for guid in guids if guid is not None]
 
     def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
-        """Return the GUID of the endpoint with a local handle, which is matched with `entity`; None if unknown.
+        """Return the GUID of the endpoint that has a local handle and is matched with `entity`; None if it is unknown.
 
         If the endpoint's discovery event was not read yet, Cyclone is queried.
         """

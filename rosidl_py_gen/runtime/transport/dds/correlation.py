@@ -1,7 +1,8 @@
-"""Identification of requests and replies on DDS, and discovery of a client's servers: works on bytes and GUIDs.
+"""Identification of requests and replies on DDS, and search for a client's servers.
 
-There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of Fast DDS. This module represents both
-as a client and a number; the type of the client (`int` or `bytes`) tells the format.
+The functions work on bytes and GUIDs. There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of
+Fast DDS. This module represents both as a client and a number; the type of the client (`int` or `bytes`) shows the
+format.
 
 Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 """
@@ -21,20 +22,22 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
-"""GUID of a client and number of a request; Fast DDS sends both with the request and with its reply."""
+"""GUID of a client and number of a request; with Fast DDS, both are sent together with the request and with its reply.
+"""
 ClientId: TypeAlias = "int | bytes"
-"""Client of a request: its number on rmw_cyclonedds, the GUID of its reply reader or request writer on Fast DDS."""
+"""Identifier of the client of a request: a number with rmw_cyclonedds, the GUID of its reply reader or request writer
+with Fast DDS."""
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 _HASHED_BIT = 0x80
-"""Bit that is set in the first byte of a secured participant's GUID, which is a hash of the subject of its certificate
-(docs/internals/dds.md 12)."""
+"""Bit that is set in the first byte of a secured participant's GUID; such a GUID is a hash of the subject of its
+certificate (docs/internals/dds.md 12)."""
 _secured_fast_dds: dict[bytes, set[int]] = {}
-"""Handles of the builtin readers that have reported a secured Fast DDS participant, by the participant's GUID prefix
+"""Builtin readers (by handle) that have reported a secured Fast DDS participant, by the participant's GUID prefix
 (docs/internals/dds.md 12)."""
 _secured_lock = threading.Lock()
-"""Lock of changes of `_secured_fast_dds`."""
+"""Lock that is held while `_secured_fast_dds` is changed."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _READER_BIT = 0x04
@@ -47,11 +50,13 @@ _identity = struct.Struct("<16sq")
 _MASK = 2**64 - 1
 _FILL = PADDING[NETWORK_ALIGN]
 _LARGE_BYTES = 1024
-"""Size from which a memoryview of a message is cheaper than another copy."""
+"""Size in bytes from which a message is passed as a memoryview, because this is cheaper than another copy."""
 
 
 def uses_sample_identity(guid: bytes) -> bool:
-    """Return True if a client or server with the endpoint `guid` uses sample identities (Fast DDS), and not headers."""
+    """Return True if a client or server with the endpoint `guid` uses sample identities, as Fast DDS does, and not
+    headers.
+    """
     return guid.startswith(FAST_DDS_VENDOR) or (bool(_secured_fast_dds) and is_secured_fast_dds(guid))
 
 
@@ -77,9 +82,9 @@ def has_secured_fast_dds() -> bool:
 
 
 def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
-    """Forget a secured Fast DDS participant that a builtin reader has lost.
+    """Remove a secured Fast DDS participant that a builtin reader has lost.
 
-    Without `guid`, forget all participants that only this reader, which was deleted, has reported.
+    Without `guid`, remove all participants that only this reader, which was deleted, has reported.
     """
     with _secured_lock:
         for prefix in [guid[:GUID_PREFIX_BYTES]] if guid else [*_secured_fast_dds]:
@@ -90,7 +95,9 @@ def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
-    """Return a sample with a sample identity between encapsulation header and message, marked in the header."""
+    """Return a sample with a sample identity inserted between encapsulation header and message, and marked in the
+    header.
+    """
     # Fast DDS sends the identity as RTPS inline QoS, which is not part of a sample; `sample_identity.py` calls this.
     # The 24 bytes replace the header of rmw_cyclonedds. They are a multiple of 8, so the alignment does not change.
     return b"".join((data[:2], _IDENTITY_OPTIONS, _identity.pack(*identity), data[HEADER_BYTES:]))
@@ -105,7 +112,9 @@ def extract_identity(data: Payload) -> SampleIdentity | None:
 
 
 def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
-    """Return an encoded message (little-endian) with the header of rmw_cyclonedds, padded for DDS in the same copy."""
+    """Return an encoded message (little-endian) with the request header of rmw_cyclonedds, padded for DDS without a
+    further copy.
+    """
     # The header of rmw_cyclonedds is between the 4 encapsulation bytes and the message: 8 bytes number of the client, 8
     # bytes number of the request (docs/internals/protocol.md 5.1).
     rest = message[HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[HEADER_BYTES:]
@@ -131,7 +140,9 @@ def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
 
 
 def strip_request_header(data: Payload, begin: int) -> bytes:
-    """Return a copy of a request or reply without the header of rmw_cyclonedds or identity, which ends at `begin`."""
+    """Return a copy of a request or reply without the header or sample identity before the message, which begins at
+    `begin`.
+    """
     rest = data[begin:] if len(data) < _LARGE_BYTES else memoryview(data)[begin:]
     return b"".join((data[:2], b"\0\0", rest))
 
@@ -204,7 +215,7 @@ class ClientCorrelation:
         self._handle = handle
         self._reader = reader
         self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
-        """Ids by which a reply may identify this client."""
+        """Identifiers with which a reply may refer to this client."""
         self.uses_sample_identity = False
         """True while a matched server is on Fast DDS, so that requests need a sample identity."""
         self._request_readers: set[bytes] = set()
@@ -212,7 +223,7 @@ class ClientCorrelation:
         self._answered: set[bytes] = set()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
-        """Set `readers`, the GUIDs of the request readers of all servers, matched already or not."""
+        """Set `readers`, the GUIDs of the request readers of all servers, even if they are not matched yet."""
         self.uses_sample_identity = uses_sample_identity
         if not readers <= self._request_readers:
             # A new server, which may be a restarted one, does not know the client's reply reader.

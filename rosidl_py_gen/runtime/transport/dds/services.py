@@ -1,7 +1,7 @@
-"""Clients and servers of services on DDS and in memory: a reader and a writer each, without calls of the DDS library.
+"""Clients and servers of services on DDS and in memory, each with a reader and a writer.
 
-`correlation.py` identifies requests and replies. A client finds its servers among the discovered endpoints, and reports
-the requests that are lost: those that were sent to servers of which none is left.
+The DDS library is not called here. `correlation.py` identifies requests and replies. A client finds its servers among
+the discovered endpoints, and reports requests as lost if they were sent to servers of which none is left.
 """
 
 from __future__ import annotations
@@ -42,18 +42,21 @@ from rosidl_py_gen.runtime.transport.service_api import (
 )
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
-"""Contents of a `RequestId`: client, number of the request, GUID of the client's request writer (None if the writer
-disappeared before its GUID was known), and local handle of the request writer."""
+"""Contents of a `RequestId`: client, number of the request, GUID of the client's request writer, and local handle of
+this writer.
+
+The GUID is None if the writer disappeared before its GUID was known.
+"""
 
 
 class ServiceWriter(Writer, Protocol):
-    """Writer that can send a sample identity as inline QoS."""
+    """Interface of a writer that can send a sample identity as inline QoS."""
 
     def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool: ...
 
 
 class ServiceParticipant(Participant, Protocol):
-    """Participant that can create the reader and writer of a `DdsClient` or `DdsServer`."""
+    """Interface of a participant that can create the reader and writer of a `DdsClient` or `DdsServer`."""
 
     service_peers: ServicePeers
 
@@ -111,7 +114,8 @@ class DdsClient(_EndpointPair):
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
         self._in_flight: dict[int, frozenset[bytes]] = {}
-        """GUIDs of the endpoints of servers that existed when a request was sent, by the number of the request."""
+        """Requests without a reply: GUIDs of the servers' endpoints that existed when the request was sent, by number
+        of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
         """Cached availability of servers, by the reason why Fast DDS servers cannot be used."""

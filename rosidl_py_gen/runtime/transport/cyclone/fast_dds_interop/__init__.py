@@ -1,1 +1,3 @@
-"""Interoperation with Fast DDS peers that Cyclone lacks: sample identities, and samples sent before the match."""
+"""Interoperation with peers on Fast DDS, which Cyclone lacks: sample identities of services, and samples sent before
+endpoints match.
+"""

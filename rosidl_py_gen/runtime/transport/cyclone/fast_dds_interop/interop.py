@@ -37,18 +37,19 @@ _CAPABILITIES = (
     ),
     ("loopback_refusal", "localhost mode on the loopback interface alone", ""),
 )
-"""Capabilities that not every libddsc has: attribute with the reason why it is missing, name in `Context.capabilities`
-and `rosidl-py doctor`, and warning that is logged when a Fast DDS node is discovered."""
+"""Capabilities that not every libddsc has. Each is a tuple: attribute with the reason why the capability is missing,
+name in `Context.capabilities` and `rosidl-py doctor`, and warning that is logged when a Fast DDS node is discovered."""
 _LOOKUP_REPLY = b"DDS::Builtin::TypeLookup_Reply"
 PROBE_TYPE = "rosidl_py_gen_neighbour"
-"""Name of a type that is created in a domain only to find the builtin type `TypeLookup_Reply` from its type object."""
+"""Name of a type that is created in a domain only because its type object leads to the builtin type `TypeLookup_Reply`.
+"""
 
 
 class FastDdsInterop:
     """Interoperation with Fast DDS peers; one object for the process.
 
-    Receive hooks (functions of ours that replace functions of Cyclone for received samples) are active while a Fast DDS
-    participant may exist, so no request can arrive without a hook.
+    Receive hooks are Python functions that replace functions of Cyclone for received samples. They are active while a
+    Fast DDS participant may exist, so no request can arrive without a hook.
     """
 
     def __init__(self, api: CycloneApi, unsupported: Collection[str] = ()) -> None:
@@ -60,14 +61,16 @@ class FastDdsInterop:
         self.early_refusal = self.refusal or ""
         """Reason why early samples of Fast DDS peers are not requested; empty if they are requested."""
         self.lookup_refusal = ""
-        """Reason why type lookups between Fast DDS peers are not dropped; empty if they are, or need not be."""
+        """Reason why type lookups between Fast DDS peers are not dropped; empty if they are dropped or need not be
+        dropped."""
         self.loopback_refusal = _UNBOUND if IGNORE_TYPE_INFORMATION in unsupported else ""
         """Reason why localhost mode uses other interfaces than loopback; empty if it uses loopback alone."""
         self._warned: set[str] = set()
         self._samples: dict[tuple[int, bool], SampleHooks] = {}
-        """Sample hooks by the address of Cyclone's original vtable, and True for replies."""
+        """Hooks by the address of the function table of Cyclone that they replace, each with True if they are for
+        replies."""
         self._tables: dict[int, SampleHooks] = {}
-        """Sample hooks by the address of their vtable, which replaces Cyclone's."""
+        """Hooks by the address of their own function table, which replaces Cyclone's."""
         self._lock = threading.Lock()
         """Lock of the hooks and of `_unread` and `_peers`; never held in a call into Cyclone that takes a lock."""
         self._unread: set[int] = set()
@@ -88,12 +91,12 @@ class FastDdsInterop:
         return new
 
     def disable(self, unexpected: str) -> None:
-        """Refuse services of Fast DDS peers from now on, because of unexpected data in Cyclone."""
+        """Stop using services of Fast DDS peers, because unexpected data was found in Cyclone's memory."""
         self.refusal = f"unexpected data in Cyclone DDS: {unexpected}"
 
     @cached_property
     def slots(self) -> private_layout.VtableSlots | None:
-        """Slots in Cyclone's vtables of the functions that the hooks replace; None if not found."""
+        """Positions of the functions that hooks replace in function tables of Cyclone; None if they were not found."""
         slots = private_layout.probe_vtable_slots(self.api)
         if slots is None and self.refusal is None:
             self.refusal = "the functions for samples were not found in this library"
@@ -116,7 +119,7 @@ class FastDdsInterop:
         )
 
     def prepare(self, type_object: Sertype, dds_type: str) -> None:
-        """Install the sample hooks in a new type object, if its type is one of requests or replies.
+        """Install the hooks in a new type object, if its type is a request or a reply of a service.
 
         For `PROBE_TYPE`, make Cyclone drop type lookups of the domain instead.
         """
@@ -156,7 +159,10 @@ class FastDdsInterop:
             self._enable_receive_hooks(True)
 
     def begin_read(self, reader: int) -> None:
-        """Record that the caller now takes all data of a builtin reader of participants, and then calls `end_read`."""
+        """Record that the caller starts to take all data of a builtin reader of participants.
+
+        The caller must then call `end_read`.
+        """
         with self._lock:
             self._unread.discard(reader)
 
@@ -176,7 +182,7 @@ class FastDdsInterop:
                 self._enable_receive_hooks(False)
 
     def forget_reader(self, reader: int) -> None:
-        """Forget a deleted builtin reader of participants, and the participants that only it has reported."""
+        """Remove a deleted builtin reader of participants, and the participants that only this reader has reported."""
         with self._lock:
             self._unread.discard(reader)
             self._peers = {peer for peer in self._peers if peer[0] != reader}
@@ -186,13 +192,13 @@ class FastDdsInterop:
             samples.enable_receive_hook(is_enabled)
 
     def hooks_of(self, type_object: int) -> SampleHooks | None:
-        """Return the sample hooks that a type object (by its address) has; None if it has none."""
+        """Return the hooks that are installed in a type object, given by its address; None if there are none."""
         return self._tables.get(private_layout.vtable_address(type_object, SAMPLE_FUNCTIONS))
 
     def append_inline_qos(self, iov: int, writer_id: bytes, inline_qos: bytes) -> None:
-        """Append inline QoS to the packet that an iovec belongs to, if a packet of the writer is being built.
+        """Append inline QoS to the packet to which an iovec belongs, if Cyclone is building a packet of the writer.
 
-        On unexpected data, refuse services of Fast DDS peers from now on.
+        On unexpected data, services of Fast DDS peers are not used any more.
         """
         try:
             self.packets.append_inline_qos(iov, writer_id, inline_qos)
