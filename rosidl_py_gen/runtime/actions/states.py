@@ -1,4 +1,4 @@
-"""State machine, table, errors and encoded status array for the goals of an action server; without I/O.
+"""State machine, table and errors for the goals of an action server, and their encoding as status array; without I/O.
 
 Times are nanoseconds of the clock of the server. Source: docs/internals/protocol.md 8.2 to 8.4.
 """
@@ -58,7 +58,7 @@ ResultT = TypeVar("ResultT")
 
 ZERO_ID = bytes(16)
 MIN_RESULT_RETENTION_NS = 50_000_000
-"""Shortest time for which a server retains a result; a shorter timeout is raised to this value.
+"""Minimum time in nanoseconds for which a server retains a result; a shorter timeout is raised to this value.
 
 A client requests the result after it has received the acceptance, and a goal may have ended by then. rclpy with
 ``result_timeout=0`` loses 8 to 60 of 60 results of short goals. A client on the same machine needs 1 to 5 ms, and up to
@@ -96,7 +96,7 @@ class GoalStatus(IntEnum):
 
 
 STATUSES = {int(status): status for status in GoalStatus}
-"""Number -> `GoalStatus`."""
+"""Members of `GoalStatus` by their number."""
 
 
 class GoalEvent(Enum):
@@ -121,10 +121,10 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
         (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
     }
 )
-"""(status, event) -> next status of a goal; an event is not possible in a status if the pair is missing."""
+"""Next status of a goal, by status and event; if a pair is missing, the event is not possible in the status."""
 # Source: docs/internals/protocol.md 8.2.
 TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
-"""Event that ends a goal -> final status of the goal."""
+"""Final status of a goal, by the event that ends the goal."""
 
 
 class GoalTransitionError(RosidlError):
@@ -346,11 +346,12 @@ _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
 class StatusArray:
-    """Serialized GoalStatusArray with the goals of one action server, in the order of acceptance.
+    """Serialized GoalStatusArray with the goals of one action server, in the order of acceptance, which is updated in
+    place.
 
     The status topic carries every goal of a server at every transition. With message objects, a server with a thousand
-    retained results would spend milliseconds on each transition. A row has 28 bytes: UUID 16, 3 padding bytes, sec 4,
-    nanosec 4, status 1; the first row has no padding, because its stamp is aligned without it
+    retained results would spend milliseconds on each transition. A goal takes a row of 28 bytes: UUID 16, 3 padding
+    bytes, sec 4, nanosec 4, status 1; the first row has no padding, because its stamp is aligned without it
     (docs/internals/protocol.md 2, 8.3).
     """
 
@@ -359,16 +360,16 @@ class StatusArray:
         self._offsets: dict[bytes, int] = {}
 
     def add(self, goal_id: bytes, stamp_ns: int, status: int) -> None:
-        """Append the row of a new goal."""
+        """Append the bytes of a new goal to the serialized status array."""
         self._offsets[goal_id] = len(self._rows)
         self._rows += _ROW.pack(goal_id, *sec_nanosec(stamp_ns), status)
 
     def set_status(self, goal_id: bytes, status: int) -> None:
-        """Change the status in the row of a goal."""
+        """Change the status of a goal in the serialized status array."""
         self._rows[self._offsets[goal_id] + _STATUS_OFFSET] = status
 
     def remove(self, goal_ids: list[bytes]) -> None:
-        """Remove the rows of goals."""
+        """Remove goals from the serialized status array."""
         removed = {self._offsets.pop(goal_id) for goal_id in goal_ids}
         if removed:
             size = _ROW.size

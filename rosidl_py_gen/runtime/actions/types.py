@@ -202,7 +202,7 @@ def goal_id_of(message: Any) -> bytes:
 
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
-"""Policy of an action server for goals that arrive while another goal runs."""
+"""Type of the setting `goal_policy` of an action server, for goals that arrive while another goal runs."""
 
 _ID_BYTES = 16
 _CANCEL_ALL_HINT = "all zeros select every goal; use cancel_all() for that"

@@ -33,7 +33,7 @@ BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
 _MAX_NAME_CHARS = 600
 """Maximum length of a node name in texts for people; ROS allows 255 for a name and 245 for its namespace."""
 NamesAndTypes = list[tuple[str, list[str]]]
-"""Names of topics, services or actions, each with its types."""
+"""List of names of topics, services or actions, each with the list of its types."""
 
 
 class EndpointType(IntEnum):
@@ -213,16 +213,19 @@ class Graph(EndpointIndex):
         return None if participant is None else participant.is_humble
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
-        """Return the sorted names of all topics of one kind that have a writer, or with ``writers=False`` a reader."""
+        """Return the sorted names of all topics of one kind that have a writer.
+
+        With ``writers=False``, the topics have a reader.
+        """
         keys = [key for key in list(self._by_topic_key) if key.kind == kind]
         return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 
     def has_others(self) -> bool:
-        """Return True if another participant than the context's own is known."""
+        """Return True if a participant is known that is not the context's own."""
         return any(guid != self._own_participant for guid in list(self._participants))
 
     def endpoints_by_wire_name(self, name: str, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """Return the writers, or with ``writers=False`` the readers, of the topic with a name in the middleware."""
+        """Return the writers of a topic, given by its name in the middleware; with ``writers=False``, the readers."""
         endpoints = list(self.endpoints.values())
         return [endpoint for endpoint in endpoints if endpoint.wire_name == name and endpoint.is_writer is writers]
 
@@ -241,7 +244,7 @@ class Graph(EndpointIndex):
         )
 
     def node_names_complete(self, participant: bytes | None = None) -> bool:
-        """Return True if all ROS participants, or a given one, have announced nodes.
+        """Return True if all ROS participants, or a given participant, have announced their nodes.
 
         The node of each of their endpoints must be known, too.
         """
@@ -254,7 +257,10 @@ class Graph(EndpointIndex):
         )
 
     def endpoints_complete(self, participant: bytes | None = None) -> bool:
-        """Return True if all endpoints that all nodes, or the nodes of one participant, announce are discovered."""
+        """Return True if all endpoints that nodes announce have been discovered.
+
+        With a participant, only its nodes count.
+        """
         return (participant is None or participant in self._participants) and all(
             self.endpoints.keys() >= node.reader_gids | node.writer_gids
             for info in self._ros_participants(participant)
@@ -287,7 +293,7 @@ class Graph(EndpointIndex):
                     yield node
 
     def participants(self) -> list[ParticipantInfo]:
-        """Return all known participants, including our own."""
+        """Return all known participants, including the context's own."""
         has_hash: dict[bytes, bool] = {}
         for endpoint in list(self.endpoints.values()):
             guid = endpoint.participant_guid
@@ -304,7 +310,7 @@ class Graph(EndpointIndex):
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
-        """Return ROS topics and their types; without `demangle`, all topics with their names in the middleware."""
+        """Return ROS topics with their types; without `demangle`, all topics with their names in the middleware."""
         return _topics(list(self.endpoints.values()), demangle)
 
     def services(self) -> NamesAndTypes:
@@ -314,7 +320,7 @@ class Graph(EndpointIndex):
     def of_node(
         self, name: str, namespace: str, *, writers: bool, services: str = "", demangle: bool = True
     ) -> NamesAndTypes:
-        """Return the topics, or services, of the endpoints of a node, with their types.
+        """Return the topics or services of which a node has endpoints, with their types.
 
         Args:
             writers: select the writers of the node; False: its readers.
@@ -328,7 +334,8 @@ class Graph(EndpointIndex):
         """Return the type hashes that the endpoints of a node announce for one type.
 
         Returns:
-            The names of the topics and services with each hash; the key is empty for endpoints without hash.
+            Dict from hash to the names of the topics and services with this hash; the key is empty for endpoints
+                without hash.
         """
         names: defaultdict[str, set[str]] = defaultdict(set)
         for writers in (True, False):
