@@ -1,4 +1,6 @@
-"""Run of the command ``launch``: packages and prefix, arguments of a launch file, and the end of all its processes."""
+"""Run of the command ``launch``: packages and prefix, arguments of the launch file, and the end of all its
+processes.
+"""
 
 from __future__ import annotations
 
@@ -32,13 +34,15 @@ ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@jazzy")
 """Repository below github.com/ros2, and branch (Jazzy, which gets corrections), of each needed package of ROS. The
 package index has another `launch`: docs/internals/protocol.md 15."""
 _PIP_FOLDERS = ("AMENT_PREFIX_PATH", sys.prefix), ("AMENT_PREFIX_PATH", site.USER_BASE)
-"""Variables and the folders to add to them, into which pip installs share files of launch and a resource index."""
+"""Environment variables, each with a folder to add to it: pip installs share files of launch and a resource index
+there."""
 _PARSERS = {".xml": "launch_xml", ".yaml": "launch_yaml", ".yml": "launch_yaml"}
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
-"""Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
+"""Names of launch configurations that actions of launch and launch_ros read although no launch file declares them."""
 _CONDITIONAL = "_conditionally_included"
 _GRACE_S = 1.0
-"""Time between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind; all end within 5 s of Ctrl-C."""
+"""Time in seconds between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind; all end within 5 s of
+Ctrl-C."""
 
 
 def start(

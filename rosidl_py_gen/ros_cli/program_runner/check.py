@@ -1,4 +1,4 @@
-"""``rosidl-py run --check``: modules, names and packages that a program uses and that are missing; nothing is run.
+"""Option ``rosidl-py run --check``: finds missing modules, names and packages that a program uses, without running it.
 
 The syntax trees of the program and of the modules of its package and workspace are read. Names of rclpy and of message
 packages are looked up in these modules, which are imported; of other packages only the presence is checked. An import
@@ -183,7 +183,9 @@ class _FileChecker:
         return None
 
     def _check_class(self, node: ast.ClassDef, assigned: set[str]) -> None:
-        """Check that ``self.x`` exists in a class whose bases are all of rclpy, unless the file assigns any ``x``."""
+        """Check that ``self.x`` exists in a class all of whose bases are of rclpy, unless the file assigns to any
+        attribute ``x``.
+        """
         bases = [self._resolve(base) for base in node.bases]
         if not bases or not all(isinstance(base, type) and _is_ours(base.__module__) for base in bases):
             return
@@ -264,7 +266,10 @@ def _is_installed(top: str) -> bool:
 
 
 def _own_file(module: str) -> Path | None:
-    """Return the source file of a module next to the script or in the workspace, without importing it; else None."""
+    """Return the source file of a module next to the script or in the workspace, without importing the module.
+
+    Returns None if there is none.
+    """
     top, *rest = module.split(".")
     spec = PathFinder.find_spec(top, sys.path[:1])
     if spec is None or spec.origin is None:
