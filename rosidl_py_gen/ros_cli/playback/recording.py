@@ -1,4 +1,4 @@
-"""One or several bags that are played together, and the selection of their topics and messages.
+"""Recording of one or several bags that are played together, and the selection of their topics and messages.
 
 With ``--topics``, ``--services``, ``--actions`` or ``--regex`` only the named topics, service events and topics of
 actions are played. Exclusion precedes inclusion. Patterns match whole names, as for ``ros2 bag play``.

@@ -80,12 +80,12 @@ class QoSPolicyKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """A policy of `QoSProfile`: its names, and the kind of its value.
+    """QoS policy as a field of `QoSProfile`: its names, and the kind of its value.
 
     Attributes:
-        field: field of `QoSProfile`; a field that ends with ``_ns`` is a period.
+        field: field of `QoSProfile`; a field that ends with ``_ns`` is a duration.
         rmw_name: name in rmw, in rclpy and in the files of rosbag2.
-        label: name in texts for people; empty for a policy that they do not show on a line of its own.
+        label: name in texts for people; empty for a policy that has no line of its own in these texts.
         enum: enum class of the values; None for numbers and flags.
     """
 

@@ -59,8 +59,8 @@ ANSWER_TIMEOUT_S = 3.0
 _SERVICE_TIMEOUT_S = 1.0
 """Maximum time in seconds to wait for a node's service ``~/get_type_description``, which a node may not have."""
 _NODE_NAME_TIMEOUT_S = 4.0
-"""Maximum time in seconds to wait for node names; with Fast DDS they may arrive after 3 s (docs/internals/protocol.md
-6)."""
+"""Maximum time in seconds to wait for node names; with Fast DDS they may arrive after 3 s
+(docs/internals/protocol.md 6)."""
 _LATE_ANNOUNCEMENT_GRACE_S = 2.0
 """Time in seconds to wait for endpoints that a node announces after its other endpoints.
 

@@ -1,7 +1,7 @@
 """Publishers and subscribers of topics on Zenoh.
 
-Only endpoints that are transient local are "advanced" ones of Zenoh, with a cache or a history (docs/internals/zenoh.md
-5); they exchange samples with all others on the same key.
+Only endpoints that are transient local are "advanced" ones of Zenoh, with a cache or a history
+(docs/internals/zenoh.md 5); they exchange samples with all others on the same key.
 
 Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing to a
 subscriber that does not announce that it listens on that key. So subscribers of this package always announce it;
