@@ -260,6 +260,8 @@ def run_all(
     report: Callable[[R], None],
 ) -> list[R]:
     """Run items, some at once, each in other domains than the ones before it."""
+    # A shell has background commands ignore SIGINT, and so would all processes that are started.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     waiting, results = list(enumerate(items)), {}
 
     async def work(first: int) -> None:
@@ -303,7 +305,6 @@ def main() -> int:
     if given.domain + given.jobs * DOMAINS > 232:
         parser.error(f"{given.jobs} jobs need {given.jobs * DOMAINS} domains up to 232")
     programs, is_missing = chosen(listed(given.list.read_text()), given)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored signals stay so in processes that are started
     with tempfile.TemporaryDirectory(prefix="others-") as logs:
         os.environ["ROS_LOG_DIR"] = logs
         results = run_all(programs, given, partial(_try, given.checkouts.resolve(), given.real), _report)

@@ -26,24 +26,32 @@ def package_rows() -> dict[str, list[str]]:
     return {package: row for row in rows for package in row[1 + len(DISTRIBUTIONS) :]}
 
 
-def download_note(package: str, distro: str) -> str:
-    """Return a text about where a well-known package can be found, with the commands to get and use it.
+def branch_of(package: str, distro: str) -> tuple[str, str]:
+    """Return the branch of a well-known package, and its distribution.
 
-    Returns "" for an unknown package. If the package has no branch for the distribution, the text names the branch of
-    the next older distribution, or else of the next newer.
+    If the package has no branch for `distro`, the branch of the next older distribution is returned, or else of the
+    next newer. The branch of an unknown package has the name of the distribution.
     """
     row = package_rows().get(package)
     if row is None:
-        return ""
-    url = row[0] if "://" in row[0] else f"https://github.com/{row[0]}"
+        return distro, distro
     branches: list[str] = []
     for word in row[1 : 1 + len(DISTRIBUTIONS)]:
         branches.append(branches[-1] if word == "=" else word)
     wanted = DISTRIBUTIONS.index(distro)
     older, newer = range(wanted, -1, -1), range(wanted + 1, len(DISTRIBUTIONS))
     used = next(number for number in (*older, *newer) if branches[number] != "-")
-    branch, folder = branches[used], url.rpartition("/")[2]
-    instead = "" if used == wanted else f" (of {DISTRIBUTIONS[used]}; it has none for {distro})"
+    return branches[used], DISTRIBUTIONS[used]
+
+
+def download_note(package: str, distro: str) -> str:
+    """Return where a well-known package is, and the commands to get and use it; "" for an unknown package."""
+    row = package_rows().get(package)
+    if row is None:
+        return ""
+    url = row[0] if "://" in row[0] else f"https://github.com/{row[0]}"
+    (branch, used), folder = branch_of(package, distro), url.rpartition("/")[2]
+    instead = "" if used == distro else f" (of {used}; it has none for {distro})"
     return (
         f"{package} is in {url}, branch {branch}{instead}: git clone --depth 1 --branch {branch} {url}; then use "
         f"--path {folder} (in Python path=), or install it: rosidl-py-gen --path {folder} --filter {package} --install"

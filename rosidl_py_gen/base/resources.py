@@ -144,6 +144,16 @@ def _from_url(origin: dict[str, Any], extra: str) -> str:
     return f"pip install {editable}{shlex.quote(f'{path}[{extra}]')}"
 
 
+def extra_requirements(extra: str) -> list[str]:
+    """Return the requirements of an extra; [] in a checkout that is not installed."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        return _requirements(distribution(_NAME), extra)
+    except PackageNotFoundError:
+        return []
+
+
 def _requirements(found: Distribution | None, extra: str) -> list[str]:
     """Return the requirements of an extra, and of the extras it includes, from the installed package's metadata."""
     import re

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from typing import Any
 
 from rosidl_py_gen.errors import printable
@@ -33,6 +34,12 @@ def printable_line(text: str) -> str:
 def pluralize(number: int, noun: str) -> str:
     """Return a count with its noun: ``1 server``, ``2 servers``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def print_next_step(*words: str) -> None:
+    """Print a command that users probably call next, after ``next:`` on standard error; only on a terminal."""
+    if sys.stdout.isatty() and sys.stderr.isatty():
+        print(printable_line(f"next: {' '.join(words)}"), file=sys.stderr, flush=True)
 
 
 def json_text(data: Any, *, indent: int | None = None) -> str:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from typing import TYPE_CHECKING, Any, TypeVar
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
-def current_loop() -> asyncio.AbstractEventLoop | None:
-    """Return the event loop that this thread runs; None if it runs none."""
-    return asyncio._get_running_loop()
+current_loop: Callable[[], asyncio.AbstractEventLoop | None] = asyncio._get_running_loop
+"""Return the event loop that this thread runs; None if it runs none. A function in C, which is called very often."""
 
 
 def set_result_if_pending(future: asyncio.Future[T], result: T) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -21,10 +22,11 @@ from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
 from rosidl_py_gen.generator_cli.diagnostics_output import (
+    HintedUsageError,
     count,
     echo,
     print_json,
@@ -61,7 +63,13 @@ _PROGRESS_DELAY_S = 1.0
 _GENERATION_OPTIONS = ("out", "check", "listing", "keep_going")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 _FILTER = partial(
-    click.option, "--filter", "selection", default="", metavar="NAMES", shell_complete=_completion("complete_selection")
+    click.option,
+    "--filter",
+    "selection",
+    multiple=True,
+    callback=lambda context, parameter, values: ":".join(values),
+    metavar="NAMES",
+    shell_complete=_completion("complete_selection"),
 )
 _OUT = partial(
     click.option, "--out", metavar="DIR", show_default=True, shell_complete=_completion("complete_directories")
@@ -99,7 +107,8 @@ class _Group(click.Group):
 
     def resolve_command(self, context: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and self.get_command(context, args[0]) is None:
-            context.fail(f'no command "{args[0]}"; select packages and interfaces with --filter {args[0]}')
+            hint = f"select packages and interfaces with --filter {args[0]}"
+            raise HintedUsageError(f'no command "{args[0]}"', hint, context)
         return super().resolve_command(context, args)
 
 
@@ -108,7 +117,7 @@ class _Group(click.Group):
 @_paths
 @_FILTER(
     envvar="IDL_PACKAGE_FILTER",
-    help="Packages, or interfaces as package/msg/Name, separated by : or ;. Dependencies are added. "
+    help="Packages, or interfaces as package/msg/Name, separated by : or ;. May be repeated. Dependencies are added. "
     "[default: IDL_PACKAGE_FILTER, else all packages]",
 )
 @_OUT(default=".", help="Folder that receives the generated packages.")
@@ -412,7 +421,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     type=DISTRIBUTION,
     help="ROS 2 distribution: twice in the place of OLD and NEW, or once in that of OLD.",
 )
-@_FILTER(help="Packages or interfaces to compare, separated by : or ;.")
+@_FILTER(help="Packages or interfaces to compare, separated by : or ;. May be repeated.")
 @click.option(
     "--fail-on",
     "fail_on",
@@ -480,6 +489,8 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
         return
     for one in built:
         echo(str(one.path))
+    if built:
+        print_next_step("pip install", shlex.quote(f"{out}/") + "*.whl")
     made = {"rosidl-py-gen", *(one.package for one in built)}
     required = {text for one in built for text in one.requires}
     if missing := sorted(text for text in required if re.split("[=>]", text)[0] not in made):

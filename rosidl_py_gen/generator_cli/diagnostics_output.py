@@ -5,7 +5,6 @@ All modules of the command line print by these functions, because names and text
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import sys
@@ -24,11 +23,52 @@ def rows(problems: Iterable[Diagnostic]) -> list[dict[str, str | int]]:
     return [{"path": one.path, "line": one.line, "column": one.column, "text": one.text} for one in problems]
 
 
+class HintedUsageError(click.UsageError):
+    """Error of the command line with a hint, which is printed instead of the usage of the command."""
+
+    def __init__(self, message: str, hint: str, ctx: click.Context | None = None) -> None:
+        super().__init__(message, ctx)
+        self.hint = hint
+
+
 def usage_error_text(error: click.ClickException) -> str:
-    """Return the usage and text of an error of click, with ``error:`` instead of click's ``Error:``."""
-    shown = io.StringIO()
-    error.show(shown)
-    return re.sub(r"^Error: ", "error: ", shown.getvalue().rstrip("\n"), flags=re.MULTILINE)
+    """Return an error of click in the form of all errors: a line ``error: COMMAND: text`` and a line ``hint: text``.
+
+    A command that was called without arguments has its help instead.
+    """
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return f"error: {_message(error)}"
+    if type(error).__name__ == "NoArgsIsHelpError":  # click 8.2 and later
+        return str(context.get_help())
+    usage = " ".join((context.command_path, *context.command.collect_usage_pieces(context)))
+    hint = getattr(error, "hint", f"expected `{usage}`; --help explains it")
+    return f"error: {context.command_path}: {_message(error)}\nhint: {hint}"
+
+
+def _message(error: click.ClickException) -> str:
+    """Return the text of an error of click in the style of this package: found, then expected, without full stop."""
+    text = error.format_message()
+    match error:
+        case click.MissingParameter(param=click.Parameter() as parameter):
+            name = _parameter_name(parameter)
+            choices = getattr(parameter.type, "choices", ())
+            return f"missing {name}" + (f"; expected one of {', '.join(map(str, choices))}" if choices else "")
+        case click.NoSuchOption(option_name=name):
+            similar = [f'"{one}"' for one in error.possibilities or ()]
+            return f"no option {name}" + (f"; did you mean {' or '.join(similar)}?" if similar else "")
+        case click.BadParameter(param=click.Parameter() as parameter):
+            return f"{_parameter_name(parameter)}: {error.message.removesuffix('.')}"
+        case click.BadOptionUsage(option_name=name):
+            return re.sub(r"^Option '.*?'", name, text).removesuffix(".")
+    if unexpected := re.fullmatch(r"Got unexpected extra (arguments?) \((.*)\)", text, re.DOTALL):
+        return f"unexpected {unexpected[1]} {unexpected[2]}"
+    return text
+
+
+def _parameter_name(parameter: click.Parameter) -> str:
+    is_option = isinstance(parameter, click.Option)
+    return max(parameter.opts, key=len) if is_option else str(parameter.metavar or parameter.name).upper()
 
 
 def print_json(data: Any) -> None:
@@ -54,11 +94,11 @@ def _styled(text: str, style: str) -> str:
 
 
 def print_problems(problems: Iterable[Diagnostic]) -> None:
-    """Print diagnostics with location, source line and caret on standard error."""
+    """Print diagnostics after ``error:``, with location, source line and caret, on standard error."""
     for problem in problems:
         first, *rest = problem.with_caret().split("\n")
         where = first.removesuffix(printable(problem.text))
-        echo((where, "bold"), (first[len(where) :], "red"), err=True)
+        echo(("error: ", "red"), (where, "bold"), (first[len(where) :], "red"), err=True)
         for line in rest:
             print_line(line)
 

@@ -92,6 +92,18 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
         yield root, display, notes
 
 
+def clone_origin(folder: Path) -> tuple[str, str]:
+    """Return the URL of the remote `origin`, without a password, and the commit of a clone; "" for what is unknown."""
+    found = []
+    for arguments in (["config", "--get", "remote.origin.url"], ["rev-parse", "--verify", "--quiet", "HEAD"]):
+        try:
+            done = _run(arguments, folder)
+        except RevisionError:  # git is not installed
+            return "", ""
+        found.append("" if done.returncode else os.fsdecode(done.stdout).strip())
+    return re.sub(r"(?<=://)[^/@]*@", "", found[0]), found[1]
+
+
 def _is_unborn(top: Path) -> bool:
     """Return True if the repository has no commit yet, as while hooks run for the first commit."""
     if _run(["rev-parse", "--verify", "--quiet", "HEAD"], top).returncode == 0:

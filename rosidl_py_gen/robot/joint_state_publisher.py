@@ -12,6 +12,7 @@ from typing import Any
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.occurrences import is_logged
 from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, Mimic, parse_urdf, read_description, resolve_mimics
@@ -154,7 +155,8 @@ class JointStatePublisher:
         for kind in _KINDS:
             values = getattr(message, kind).tolist()
             if values and len(values) != len(names):
-                text = f"message of a source: {kind} ignored, which has {len(values)} values for {len(names)} names"
+                counts = f"{pluralize(len(values), 'value')} for {pluralize(len(names), 'name')}"
+                text = f"message of a source: {kind} ignored, which has {counts}"
                 self.node.logger.warning(text, throttle_s=WARNING_INTERVAL_S)
                 continue
             for name, value in zip(names, values, strict=False):
@@ -187,3 +189,18 @@ class JointStatePublisher:
 def main() -> int:
     """Run the node joint_state_publisher until SIGINT or SIGTERM; return the exit code."""
     return serve(NAME, JointStatePublisher)
+
+
+def main_without_window() -> int:
+    """Run the node for the executable joint_state_publisher_gui, as `main`; log a note that it has no window."""
+    return serve(NAME, create_without_window)
+
+
+def create_without_window(*, context: Context | None = None) -> JointStatePublisher:
+    """Return a `JointStatePublisher` that has logged why there is no window."""
+    publisher = JointStatePublisher(context=context)
+    publisher.node.logger.info(
+        "joint_state_publisher_gui: rosidl-py-gen has no window with sliders; running joint_state_publisher instead, "
+        "which takes positions from the parameter zeros and the topics of source_list"
+    )
+    return publisher

@@ -13,6 +13,7 @@ import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import stamp_ns
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, parse_urdf, read_description, resolve_mimics
@@ -111,7 +112,10 @@ class RobotStatePublisher:
     def _on_joint_state(self, message: Any) -> None:
         names, positions, warn = message.name, message.position.tolist(), self.node.logger.warning
         if len(names) != len(positions):
-            found = f"{len(names)} names{f', such as {names[0]!r:.60},' * bool(names)} and {len(positions)} positions"
+            found = (
+                f"{pluralize(len(names), 'name')}{f', such as {names[0]!r:.60},' * bool(names)} and "
+                f"{pluralize(len(positions), 'position')}"
+            )
             warn(f"joint_states: message ignored, which has {found}; expected as many", throttle_s=WARNING_INTERVAL_S)
             return
         now, published = self.node.clock.now().nanoseconds, self._published_ns

@@ -76,6 +76,53 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
 }
 """Table of all commands with the help and the module of each; for a group, modules by the names of its commands."""
 
+_EXAMPLES = {
+    "action": (
+        "action list -t",
+        "action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
+    ),
+    "bag": (
+        "bag record --all --output drive",
+        "bag info drive",
+        "bag play drive --rate 2",
+    ),
+    "interface": (
+        "interface show sensor_msgs/msg/LaserScan",
+        "interface proto std_srvs/srv/SetBool",
+    ),
+    "lifecycle": (
+        "lifecycle get /camera",
+        "lifecycle set /camera activate",
+    ),
+    "node": (
+        "node list",
+        "node info /talker",
+    ),
+    "param": (
+        "param list /talker",
+        "param get /talker use_sim_time",
+        "param set /talker use_sim_time true",
+    ),
+    "security": (
+        "security create_keystore keystore",
+        "security create_enclave keystore /talker",
+    ),
+    "service": (
+        "service list -t",
+        "service call /add_two_ints '{a: 1, b: 2}'",
+    ),
+    "tf": (
+        "tf tree",
+        "tf echo map base_link",
+    ),
+    "topic": (
+        "topic list -t",
+        "topic echo /chatter",
+        "topic pub --once /chatter std_msgs/msg/String '{data: hello}'",
+        "topic hz /scan",
+    ),
+}
+"""Examples in the help of each group, without the name of the program."""
 _HINTS = {
     "component": "components are shared libraries of C++, which this package does not load",
     "daemon": "there is no daemon, because each command discovers nodes",
@@ -123,7 +170,8 @@ class LazyGroup(click.Group):
         text, where = self._table[cmd_name]
         if isinstance(where, dict):
             modules = {verb: ("", module) for verbs, module in where.items() for verb in verbs.split()}
-            return LazyGroup(cmd_name, modules, help=text)
+            examples = "\n".join(f"rosidl-py {words}" for words in _EXAMPLES[cmd_name])
+            return LazyGroup(cmd_name, modules, help=f"{text}\n\n\b\n{examples}")
         declared = vars(import_module(f"rosidl_py_gen.ros_cli.{where}")).values()
         return next(one for one in declared if isinstance(one, click.Command) and one.name == cmd_name)
 
@@ -148,7 +196,10 @@ class LazyGroup(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and args[0] not in self._table:
             from rosidl_py_gen.base.names import did_you_mean
+            from rosidl_py_gen.generator_cli.diagnostics_output import HintedUsageError
 
-            hint = _HINTS.get(args[0]) if ctx.parent is None else None
-            ctx.fail(f'no command "{args[0]}"{f"; {hint}" if hint else did_you_mean(args[0], self._table)}')
+            if ctx.parent is None and args[0] in _HINTS:
+                raise HintedUsageError(f'no command "{args[0]}"', _HINTS[args[0]], ctx)
+            hint = f"expected one of {', '.join(self._table)}; --help explains them"
+            raise HintedUsageError(f'no command "{args[0]}"{did_you_mean(args[0], self._table)}', hint, ctx)
         return super().resolve_command(ctx, args)

@@ -23,7 +23,7 @@ from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
@@ -133,7 +133,7 @@ def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: 
     contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
     contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
     entry_points = {ENTRY_POINTS: {package.name: package.name}}
-    metadata = _metadata(package.name.replace("_", "-"), manifest, requires)
+    metadata = manifest_metadata(package.name.replace("_", "-"), manifest, requires)
     made = write_wheel(out, package.name, files | contents, metadata, entry_points)
     return BuiltWheel(package.name.replace("_", "-"), made, tuple(requires))
 
@@ -144,25 +144,39 @@ def write_wheel(
     files: Mapping[str, bytes],
     metadata: dict[str, object],
     entry_points: dict[str, dict[str, str]] | None = None,
+    data: Mapping[str, bytes] | None = None,
+    programs: Collection[str] = (),
 ) -> Path:
     """Write the wheel of a Python package into the folder `out` and return the path of the wheel.
 
-    Replaces an older wheel of the same file name. The keys of `files` are paths below site-packages.
+    Replaces an older wheel of the same file name. The keys of `files` are paths below site-packages, those of `data`
+    are paths below the environment; `programs` are the keys of executable files.
     """
     from flit_core.common import Metadata, Module
     from flit_core.wheel import WheelBuilder
 
     with TemporaryDirectory(prefix="rosidl-py-gen-wheel-") as folder:
         top = Path(folder)
-        for name, data in files.items():
-            path = top / name
+        data_folder = top / f"{module}.data"  # no module can have this name
+        placed = [(top / name, content) for name, content in files.items()]
+        placed += [(data_folder / name, content) for name, content in (data or {}).items()]
+        for path, content in placed:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            path.write_bytes(content)
+        for name in programs:
+            (data_folder / name).chmod(0o755)
         partial = out / f".{module}.whl.part"
         try:
             with partial.open("wb") as file:
                 # A pyproject.toml would lose the license of package.xml: flit_core takes only SPDX expressions there.
-                builder = WheelBuilder(top, Module(module, top), Metadata(metadata), entry_points or {}, file, None)
+                builder = WheelBuilder(
+                    top,
+                    Module(module, top),
+                    Metadata(metadata),
+                    entry_points or {},
+                    file,
+                    data_folder if data else None,
+                )
                 builder.source_time_stamp = builder.source_time_stamp or _EARLIEST
                 builder.build()
             return partial.replace(out / builder.wheel_filename)
@@ -178,7 +192,8 @@ def _compatible_versions(version: str) -> str:
     return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
 
 
-def _metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict[str, object]:
+def manifest_metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict[str, object]:
+    """Return the metadata of the wheel of a package, from its package.xml."""
     found: dict[str, object] = {
         "name": name,
         "version": manifest.version,

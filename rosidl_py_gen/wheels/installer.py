@@ -29,12 +29,18 @@ class Installer:
     """Command line that installs wheels; the paths of the wheels are appended."""
     _uninstall: tuple[str, ...]
     """Command line that uninstalls distributions; their names are appended."""
+    _require: tuple[str, ...]
+    """Command line that installs requirements of the user's package index; the requirements are appended."""
     _unpack: tuple[str, ...]
     """Command line that downloads wheels from the user's package index; `unpack` appends target and requirements."""
 
     def install(self, *wheels: Path) -> None:
         """Install wheels without their dependencies; raises `OutputError` with the output of pip or uv on failure."""
         self._run("install", *self._install, *map(str, wheels))
+
+    def require(self, *requirements: str) -> None:
+        """Install requirements from the user's package index; raises `OutputError` with the output on failure."""
+        self._run("install", *self._require, *requirements)
 
     def uninstall(self, *distributions: str) -> None:
         """Uninstall distributions by name; raises `OutputError` with the output of pip or uv on failure."""
@@ -96,6 +102,7 @@ def find_installer() -> Installer:
             "pip",
             (*pip, "install", "--no-deps", "--no-index", "--force-reinstall"),
             (*pip, "uninstall", "--yes"),
+            (*pip, "install"),
             (*pip, "install", "--no-deps", "--only-binary=:all:", "--require-hashes"),
         )
     if uv := _uv():
@@ -115,6 +122,7 @@ def find_installer() -> Installer:
                 "--link-mode=copy",
             ),
             (*uv, "pip", "uninstall", *of_this),
+            (*uv, "pip", "install", "--python", sys.executable),
             (*uv, "pip", "install", "--python", sys.executable, "--no-deps", "--only-binary=:all:", "--require-hashes"),
         )
     raise OutputError(

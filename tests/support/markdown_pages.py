@@ -1,7 +1,6 @@
 """Read Markdown pages: their code blocks, headings, links, and the tests they name.
 
-Knows the little Markdown that README.md and docs/ use. Code between ``<!-- test`` and ``-->`` is a block that readers
-do not see: it prepares the page's code or checks what it did.
+Knows the little Markdown that README.md and docs/ use.
 """
 
 from __future__ import annotations
@@ -31,7 +30,6 @@ class Block:
     title: str
     text: str
     line: int
-    hidden: bool = False
     tab: str = ""
 
 
@@ -45,9 +43,7 @@ def blocks(page: Path) -> list[Block]:
             tab = match[1]
         elif line and not line.startswith(" "):
             tab = ""
-        if line == "<!-- test":
-            found.append(Block("python", "", _until(lines, "-->"), number + 1, hidden=True))
-        elif match := _FENCE.match(line):
+        if match := _FENCE.match(line):
             title = _TITLE.search(match["info"])
             text = _until(lines, match["indent"] + "```")
             found.append(Block(match["language"], title[1] if title else "", text, number + 1, tab=tab))

@@ -44,6 +44,7 @@ from rosidl_py_gen.bags.storage.storage_api import (
     library_errors_as_bag_error,
 )
 from rosidl_py_gen.bags.storage.walk import DamagedRange, Walk
+from rosidl_py_gen.base.terminal_text import pluralize
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
@@ -136,7 +137,7 @@ class McapFile(Storage):
         stated = {number: count for number, count in (index.counts or {}).items() if count}
         if index.counts is not None and stated != unchunked.counts:
             raise BagError(
-                f"{self._path}: damaged: states {sum(stated.values())} messages, and contains "
+                f"{self._path}: damaged: states {pluralize(sum(stated.values()), 'message')}, and contains "
                 f"{sum((unchunked.counts or {}).values())}"
             )
 

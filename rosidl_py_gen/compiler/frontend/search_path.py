@@ -212,14 +212,15 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
     found.searched.append(origin)
     for package in packages:
         first = found.packages.setdefault(package.name, package)
-        if first is not package:
-            if first.origin == package.origin:
-                text = (
-                    f'two packages are called "{package.name}": {first.folder} and {package.folder}; give one folder '
-                    "as --path, or put an empty file COLCON_IGNORE into the other"
-                )
-                raise DefinitionError(Diagnostic(origin, 0, 0, text))
-            found.hidden.append(package)
+        if first is package or os.path.realpath(first.folder) == os.path.realpath(package.folder):
+            continue  # a folder may be given twice
+        if first.origin == package.origin:
+            text = (
+                f'two packages are called "{package.name}": {first.folder} and {package.folder}; give one folder '
+                "as --path, or put an empty file COLCON_IGNORE into the other"
+            )
+            raise DefinitionError(Diagnostic(origin, 0, 0, text))
+        found.hidden.append(package)
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:

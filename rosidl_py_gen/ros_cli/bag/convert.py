@@ -5,11 +5,12 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from contextlib import contextmanager
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def convert(
         for line in omission_lines(omitted):
             terminal_output.note(line)
         terminal_output.line(f"{pluralize(count, 'message')} of {pluralize(len(part.topics), 'topic')} in {output}")
+        print_next_step("rosidl-py bag info", quote(output))
     return DAMAGED if reader.damaged else 0
 
 

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from decimal import Decimal
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ def merge(
             terminal_output.note(line)
         counts = f"{pluralize(count, 'message')} of {pluralize(topics, 'topic')}"
         terminal_output.line(f"{counts} of {pluralize(len(bags), 'bag')} in {output}")
+        print_next_step("rosidl-py bag info", quote(output))
     return DAMAGED if damaged else 0
 
 

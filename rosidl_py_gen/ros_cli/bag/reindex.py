@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 import click
 
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 
@@ -53,4 +54,5 @@ def reindex(path: str, as_json: bool) -> int:
         terminal_output.note(line)
     counts = f"{pluralize(result.messages, 'message')} of {pluralize(result.topics, 'topic')}"
     terminal_output.line(f"{counts} in {pluralize(result.files, 'file')}: {result.path}")
+    print_next_step("rosidl-py bag info", quote(str(result.path)))
     return DAMAGED if result.damaged else 0

@@ -24,6 +24,7 @@ from xml.etree.ElementTree import ParseError
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.python_packages import install_note
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, report, terminal_output
 from rosidl_py_gen.ros_cli.prefix import executables
@@ -168,7 +169,8 @@ class MissingParts:
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
         package = part.rpartition(" ")[2].partition(".")[0]
-        cure = download_note(package, selected().name) or "install it, or pass the folder of its package with --path"
+        note = install_note(package) or download_note(package, selected().name)
+        cure = note or "install it, or pass the folder of its package with --path"
         return f"{place}: missing {part}; {cure}" + ("" if self._skip else ", or start the rest with --missing skip")
 
     def _executable_text(self, package: str, executable: str) -> str:

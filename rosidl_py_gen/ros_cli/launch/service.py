@@ -21,7 +21,8 @@ from typing import Any
 import click
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import install_command, require_modules
+from rosidl_py_gen.base.python_packages import install_command_of
+from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.compiler.frontend.package_files import files_below
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
@@ -30,9 +31,6 @@ from rosidl_py_gen.ros_cli.prefix.build import NAME_RULE, Prefix, build_prefix, 
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
 
-ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@jazzy") | {"launch_ros": "launch_ros@jazzy"}
-"""Repository below github.com/ros2, and branch (Jazzy, which gets corrections), of each needed package of ROS. The
-package index has another `launch`: docs/internals/protocol.md 15."""
 _PIP_FOLDERS = ("AMENT_PREFIX_PATH", sys.prefix), ("AMENT_PREFIX_PATH", site.USER_BASE)
 """Environment variables, each with a folder to add to it: pip installs share files of launch and a resource index
 there."""
@@ -81,7 +79,7 @@ def start(
 
 
 def _require_packages(*names: str) -> None:
-    """Raise `CommandError` with commands of pip if a package of ROS is missing, or is another one of that name."""
+    """Raise `CommandError` with the command that installs a package of ROS if it is missing or another of that name."""
     for name in names:
         spec = find_spec(name)
         if spec is None or spec.origin is None:
@@ -90,12 +88,7 @@ def _require_packages(*names: str) -> None:
             text = f"{spec.origin} is another package with the name launch"
         else:
             continue
-        needed = [one for one in ORIGINS if find_spec(one) is None or one == name]
-        urls = " ".join(f"'git+https://github.com/ros2/{ORIGINS[one]}#subdirectory={one}'" for one in needed)
-        raise CommandError(
-            f"{text}; run: {install_command('launch')} && pip install --no-deps {urls}; or clone "
-            "https://github.com/ros2/launch and https://github.com/ros2/launch_ros, and pass --launch-from FOLDER"
-        )
+        raise CommandError(f"{text}; run: {install_command_of(name)}")
     require_modules("osrf_pycommon", "packaging", "yaml")
 
 

@@ -348,7 +348,9 @@ async def _play(network: NetworkOptions, options: PlayOptions, overrides: Mappin
                 player.publishers.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses()
             )
         sent = player.requests.count
-        requests = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
+        requests = (
+            f" and sent {pluralize(sent, 'request')}" if options.publish_requests or options.actions_as_client else ""
+        )
         terminal_output.note(
             f"published {pluralize(player.count - sent, 'message')} of {pluralize(len(topics), 'topic')}{requests}"
         )

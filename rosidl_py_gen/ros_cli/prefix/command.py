@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.generator_cli.distro_option import distro
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
@@ -53,4 +53,5 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
         terminal_output.line(f"{display_path(made.folder)}: {pluralize(len(made.packages), 'package')}, {changes}")
         if is_changed and made.skipped:
             terminal_output.lines(("C++ code is not built:", *(f"  {one.text}" for one in made.skipped)))
+        print_next_step("source", quote(display_path(made.folder / "setup.bash")))
     return int(bool(made.problems))

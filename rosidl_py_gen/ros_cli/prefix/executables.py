@@ -31,6 +31,9 @@ _GROUP = "console_scripts"
 _IN_LIB = re.compile(r"lib/(?!python\d)")
 BUNDLED: dict[str, dict[str, str]] = {
     "joint_state_publisher": {"joint_state_publisher": "rosidl_py_gen.robot.joint_state_publisher:main"},
+    "joint_state_publisher_gui": {
+        "joint_state_publisher_gui": "rosidl_py_gen.robot.joint_state_publisher:main_without_window"
+    },
     "robot_state_publisher": {"robot_state_publisher": "rosidl_py_gen.robot.robot_state_publisher:main"},
     "tf2_ros": {"static_transform_publisher": "rosidl_py_gen.robot.static_transform_publisher:main"},
 }

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from importlib.machinery import PathFinder
-from importlib.util import find_spec
+from functools import cached_property
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,11 +25,13 @@ from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.base.python_packages import install_note
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
+from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 
 
 @dataclass
@@ -49,16 +53,23 @@ class _Import:
     alternatives: tuple[_Import, ...] = ()
 
 
-def check(program: Executable, as_json: bool) -> int:
-    """Print the modules and names that a program uses and that are missing; returns 1 if there are any, else 0."""
+def check(program: Executable, packages: Callable[[], Mapping[str, Path]], as_json: bool) -> int:
+    """Print the modules and names that a program uses and that are missing; returns 1 if there are any, else 0.
+
+    Args:
+        program: the program.
+        packages: function that returns the source folders of the packages of the workspace by name.
+        as_json: print JSON for programs.
+    """
     sys.path[:1] = [str(program.folder)]
+    modules = _OwnModules(packages)
     start = program.file
     if start is None:
         assert program.module is not None
-        start = _own_file(program.module) or _own_file(f"{program.module}.__main__")
+        start = modules.file(program.module) or modules.file(f"{program.module}.__main__")
         if start is None:
             parent, _, name = program.module.rpartition(".")
-            package = _own_file(parent) if parent else None
+            package = modules.file(parent) if parent else None
             names = [] if package is None else sorted(file.stem for file in package.parent.glob("*.py"))
             raise CommandError(f'no source of the module "{program.module}" was found{did_you_mean(name, names)}')
     findings: set[tuple[str, int, str]] = set()
@@ -67,7 +78,7 @@ def check(program: Executable, as_json: bool) -> int:
     for file, module in queue:  # grows inside the loop
         if file not in files:
             files.add(file)
-            queue += _FileChecker(file, module, findings).run(program.function if file == start else None)
+            queue += _FileChecker(file, module, findings, modules).run(program.function if file == start else None)
     missing = sorted(findings)
     if as_json:
         rows = [{"file": place, "line": line, "text": text} for place, line, text in missing]
@@ -78,11 +89,71 @@ def check(program: Executable, as_json: bool) -> int:
     return 1 if missing else 0
 
 
+class _OwnModules:
+    """Source files of the modules next to a program and of the packages of its workspace; nothing is imported."""
+
+    def __init__(self, packages: Callable[[], Mapping[str, Path]]) -> None:
+        self._packages = packages
+
+    def file(self, module: str) -> Path | None:
+        """Return the source file of a module, None if it is elsewhere or does not exist."""
+        spec = self._spec(module)
+        return None if spec is None or not (spec.origin or "").endswith(".py") else Path(str(spec.origin))
+
+    def owner_without(self, module: str) -> Path | None:
+        """Return the file of the top-level package if the package is here and does not have the module, else None."""
+        top, _, below = module.partition(".")
+        return self.file(top) if below and self._spec(module) is None else None
+
+    def _spec(self, module: str) -> ModuleSpec | None:
+        top, *rest = module.split(".")
+        spec = PathFinder.find_spec(top, sys.path[:1])
+        if spec is None or spec.origin is None:
+            package = found_packages().get(top)
+            folders = [] if package is None else [str(package.folder), str(package.folder / "src")]
+            spec = PathFinder.find_spec(top, folders)
+        if spec is None and not _is_installed(top):
+            spec = self._installed_spec(top)
+        for name in rest:
+            if spec is None or spec.submodule_search_locations is None:
+                return None
+            # The name of a top-level module: a namespace package looks up its parent, which is not imported.
+            spec = PathFinder.find_spec(name, [*spec.submodule_search_locations])
+        return spec
+
+    def _installed_spec(self, top: str) -> ModuleSpec | None:
+        """Return the spec of a module that a package installs from a folder or package with another name, or None."""
+        source = self._installed.get(top)
+        if source is None:
+            return None
+        if source.suffix == ".py":
+            return spec_from_file_location(top, source)
+        return spec_from_file_location(top, source / "__init__.py", submodule_search_locations=[str(source)])
+
+    @cached_property
+    def _installed(self) -> dict[str, Path]:
+        """Sources of the modules that the packages install, as their install rules say; none on Windows.
+
+        A program finds these modules in its prefix, which Windows does not have.
+        """
+        if os.name == "nt":
+            return {}
+        from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan  # slow to import, and rarely needed
+
+        found: dict[str, Path] = {}
+        for package, folder in self._packages().items():
+            for place, file in PackagePlan(package, folder).files.items():
+                parent, _, name = place.rpartition("/")
+                if parent == SITE_PACKAGES and file.source is not None:
+                    found.setdefault(name.removesuffix(".py"), file.source)
+        return found
+
+
 class _FileChecker:
     """Checker of one file of a program, which adds missing modules and names to `findings`."""
 
-    def __init__(self, file: Path, module: str, findings: set[tuple[str, int, str]]) -> None:
-        self._file, self._module, self._findings = file, module, findings
+    def __init__(self, file: Path, module: str, findings: set[tuple[str, int, str]], modules: _OwnModules) -> None:
+        self._file, self._module, self._findings, self._modules = file, module, findings, modules
         self._known: dict[str, Any] = {}
         self._own_imports: list[tuple[Path, str]] = []
 
@@ -142,20 +213,22 @@ class _FileChecker:
         return None
 
     def _check_foreign_import(self, one: _Import, top: str) -> None:
-        if (own := _own_file(one.module)) is not None:
+        if (own := self._modules.file(one.module)) is not None:
             self._own_imports.append((own, one.module))
-            if one.name is not None and (submodule := _own_file(f"{one.module}.{one.name}")) is not None:
+            if one.name is not None and (submodule := self._modules.file(f"{one.module}.{one.name}")) is not None:
                 self._own_imports.append((submodule, f"{one.module}.{one.name}"))
+        elif one.is_required and (owner := self._modules.owner_without(one.module)) is not None:
+            self._add(one.line, f"no module {one.module} in {display_path(owner.parent)}")
         elif top not in sys.stdlib_module_names and not _is_installed(top) and one.is_required:
             is_message_package = one.module.partition(".")[2].partition(".")[0] in KINDS
             hint = did_you_mean(top, found_packages()) if is_message_package else ""
             advice = "its definitions can be given with --path" if is_message_package else "it is not installed"
-            note = download_note(top, selected().name)
+            note = install_note(top) or download_note(top, selected().name)
             self._add(one.line, f"no package {top}. {note}" if note else f"no package {top}{hint}; {advice}")
 
     def _is_missing(self, one: _Import) -> bool:
         findings: set[tuple[str, int, str]] = set()
-        _FileChecker(self._file, self._module, findings)._resolve_import(replace(one, is_required=True))
+        _FileChecker(self._file, self._module, findings, self._modules)._resolve_import(replace(one, is_required=True))
         return bool(findings)
 
     def _check_attribute(self, node: ast.Attribute) -> None:
@@ -263,27 +336,6 @@ def _is_installed(top: str) -> bool:
         return find_spec(top) is not None
     except (ImportError, ValueError):
         return top in sys.modules
-
-
-def _own_file(module: str) -> Path | None:
-    """Return the source file of a module next to the script or in the workspace, without importing the module.
-
-    Returns None if there is none.
-    """
-    top, *rest = module.split(".")
-    spec = PathFinder.find_spec(top, sys.path[:1])
-    if spec is None or spec.origin is None:
-        package = found_packages().get(top)
-        folders = [] if package is None else [str(package.folder), str(package.folder / "src")]
-        spec = PathFinder.find_spec(top, folders)
-    for name in rest:
-        if spec is None or spec.submodule_search_locations is None:
-            return None
-        # The name of a top-level module: a namespace package looks up its parent, which is not imported.
-        spec = PathFinder.find_spec(name, [*spec.submodule_search_locations])
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return None
-    return Path(spec.origin)
 
 
 def _no_name_text(module: str, name: str, owner: Any) -> str:

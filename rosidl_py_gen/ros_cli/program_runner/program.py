@@ -22,6 +22,7 @@ from types import ModuleType, TracebackType
 from typing import Any
 
 from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.base.python_packages import install_note
 from rosidl_py_gen.ros_cli import CommandError, report
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.runtime import RosArgumentError
@@ -125,7 +126,7 @@ def _without_own_frames(traceback: TracebackType | None) -> TracebackType | None
 
 
 def filter_traceback(error: BaseException) -> None:
-    """Prepare an exception for printing: hide frames of rclpy for Ctrl-C, add a hint for a missing message package."""
+    """Prepare an exception for printing: hide frames of rclpy for Ctrl-C, add a hint for a missing package."""
     if isinstance(error, KeyboardInterrupt):
         error.__traceback__ = _program_frames(error.__traceback__)
     elif isinstance(error, ModuleNotFoundError) and error.name is not None:
@@ -134,6 +135,8 @@ def filter_traceback(error: BaseException) -> None:
             for one in _entries(error.__traceback__):
                 if one.tb_next is not None and one.tb_next.tb_frame.f_code.co_filename == import_hook.__file__:
                     one.tb_next = None
+        elif error.name == package and (note := install_note(package)):
+            _add_note(error, note)
         elif _is_message_module(error.name, error.__traceback__):
             _add_note(error, _hint(package))
 

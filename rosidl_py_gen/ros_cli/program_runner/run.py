@@ -48,7 +48,7 @@ def start(
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
-        return check_program(program, as_json)
+        return check_program(program, partial(_packages, paths, program.place), as_json)
     _set_environment(program.place, paths)
     _note_misplaced_option(program, next(iter(arguments), ""))
     return partial(start_program, program, arguments)
@@ -184,6 +184,13 @@ def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspac
     """Return the workspaces of ``--path``, then the workspace of the program `place`, or of the current folder."""
     around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
+
+
+def _packages(paths: Sequence[str], place: Path) -> dict[str, Path]:
+    """Return the source folders of the packages of some workspaces by name; the first workspace has precedence."""
+    return {
+        name: folder for one in reversed(workspaces(paths, place)) for name, folder in workspace_packages(one).items()
+    }
 
 
 def roots(found: Sequence[Workspace]) -> list[Path]:

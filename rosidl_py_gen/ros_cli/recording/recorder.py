@@ -10,6 +10,7 @@ import asyncio
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from functools import partial
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
@@ -17,7 +18,7 @@ from rosidl_py_gen.bags import BagTopic
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
@@ -342,3 +343,4 @@ def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -
         dropped = received
     if dropped:
         terminal_output.note(f"dropped {pluralize(dropped, 'message')}: more arrived than could be written")
+    print_next_step("rosidl-py bag info", quote(str(writer.path)))

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from contextlib import contextmanager
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
 
+from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -64,6 +66,8 @@ def create_keystore(root: Path, as_json: bool) -> None:
     text = f"created keystore {root} for domain {domain_id}, valid until {end:%Y-%m-%d}"
     row = {"keystore": str(root), "domain_id": domain_id, "valid_until": end.isoformat()}
     terminal_output.result([text], as_json, row)
+    if not as_json:
+        print_next_step("rosidl-py security create_enclave", quote(str(root)), "/NODE")
 
 
 @click.command("create_enclave")

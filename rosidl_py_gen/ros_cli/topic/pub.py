@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
@@ -135,9 +136,11 @@ async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s
             reason = f": {error.reason}" if error.reason else ""
         waited_s = now_s() - start_s
         if limit_s is not None and waited_s >= limit_s:
-            text = f"{publisher.subscription_count} subscriptions on {publisher.topic} in {limit_s:g} s"
+            text = f"{pluralize(publisher.subscription_count, 'subscription')} on {publisher.topic} in {limit_s:g} s"
             raise CommandError(f"{text}, expected at least {count}{reason}")
-        terminal_output.note(f"Waiting for at least {count} matching subscription(s) on {publisher.topic}...")
+        terminal_output.note(
+            f"Waiting for at least {pluralize(count, 'matching subscription')} on {publisher.topic}..."
+        )
         wait_s = _WAITING_NOTE_INTERVAL_S if limit_s is None else min(_WAITING_NOTE_INTERVAL_S, limit_s - waited_s)
 
 

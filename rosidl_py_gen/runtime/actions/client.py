@@ -51,8 +51,10 @@ from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError, Serv
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.time.values import Deadline, Time, WaitTimeoutError, read_stamp, timeout_to_ns, with_reason
+from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.service_api import service_topic_keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -89,7 +91,7 @@ class ClientGoal(Generic[ActionT_co]):
         self._cancel = cancel
         self._scope = scope
         self._status = GoalStatus.UNKNOWN
-        self._accepted_stamp: Time | None = None
+        self._accepted_stamp: SecNanosec | None = None
         self._accepted_s: float | None = None
         """Time when the acceptance arrived, by the event loop's clock; None before."""
         self._feedback: AsyncQueue[Any] = AsyncQueue(feedback_depth)
@@ -97,7 +99,7 @@ class ClientGoal(Generic[ActionT_co]):
         self._error: BaseException | None = None
         self._waiters = Waiters()
 
-    def _on_accepted(self, stamp: Time | None, now_s: float) -> None:
+    def _on_accepted(self, stamp: SecNanosec, now_s: float) -> None:
         self._accepted_stamp, self._accepted_s = stamp, now_s
         if self._status is GoalStatus.UNKNOWN:
             self._status = GoalStatus.ACCEPTED
@@ -111,7 +113,7 @@ class ClientGoal(Generic[ActionT_co]):
             self._status = status
 
     def _on_result(self, status: GoalStatus, result: object) -> None:
-        if not self.is_done:
+        if not self._has_ended():
             self._status, self._outcome = status, (status, result)
             self._feedback.close()
             self._waiters.wake()
@@ -137,11 +139,14 @@ class ClientGoal(Generic[ActionT_co]):
     @property
     def accepted_stamp(self) -> Time | None:
         """Time of acceptance by the server's clock; None if the server sent a negative time."""
-        return self._accepted_stamp
+        return None if self._accepted_stamp is None else read_stamp(self._accepted_stamp)
 
     @property
     def is_done(self) -> bool:
         """True once `result` returns or raises without waiting."""
+        return self._has_ended()
+
+    def _has_ended(self) -> bool:
         return self._outcome is not None or self._error is not None
 
     @property
@@ -169,7 +174,7 @@ class ClientGoal(Generic[ActionT_co]):
             ActionError: the server sent a result with a status that does not end a goal.
             ClosedError: the client was closed.
         """
-        if not await self._waiters.wait(lambda: self.is_done, Deadline(timeout_s).remaining_s()):
+        if not await self._waiters.wait(self._has_ended, Deadline(timeout_s).remaining_s()):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self.status.name}"
             )
@@ -213,7 +218,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         super().__init__(scope, action_type, names, type_hash_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = timeout_to_ns("server_lost_timeout_s", server_lost_timeout_s)
-        self._is_available: MatchCache[bool] = MatchCache(scope.graph, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: peers discover endpoints in this order, and a server that knows the send_goal client must
         # know the feedback subscription, too. That subscription keeps all samples: all goals share its queue, and each
@@ -228,6 +232,14 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         self._send: Client[Any, Any] = Client(parts, action_type.send_goal, names.send_goal, SERVICES_DEFAULT)
         self._cancel: Client[Any, Any] = Client(parts, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT)
         self._result = ResultRequester(parts, action_type.get_result, names.get_result, lost_after_ns)
+        self._services = (self._send, self._cancel, self._result.client)
+        self._topics = (self._feedback, self._status)
+        topic_keys = [key for client in self._services for key in service_topic_keys(client.name, client.qos)]
+        topic_keys += [TopicKey.of_topic(topic.topic, topic.qos) for topic in self._topics]
+        self._servers: MatchCache[bool] = MatchCache(
+            scope.participant.endpoint_index, topic_keys, lambda _: not self._missing()
+        )
+        """True for the key None if a server is matched."""
         scope.register(self)
 
     def server_is_available(self) -> bool:
@@ -239,7 +251,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         """
         self._require_open()
         self._scope.discovery.refresh()
-        return self._is_available.get()
+        return self._is_available()
+
+    def _is_available(self) -> bool:
+        return self._servers[None]
 
     def server_is_ready(self) -> bool:
         """Return `server_is_available()`; for compatibility with rclpy."""
@@ -247,15 +262,14 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
 
     def _missing(self) -> list[str]:
         """Return the names of the action's services and topics for which no server is matched."""
-        services = (self._send, self._cancel, self._result.client)
-        missing = [client.name for client in services if not client.service_is_available()]
-        return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
+        missing = [client.name for client in self._services if not client._available()]
+        return missing + [topic.topic for topic in self._topics if not topic.publisher_count]
 
     def _why_missing(self) -> str:
-        for client in (self._send, self._cancel, self._result.client):
-            if not client.service_is_available():
+        for client in self._services:
+            if not client._available():
                 return client._why_missing(client.name.removeprefix(self.name))
-        silent = (topic for topic in (self._feedback, self._status) if not topic.publisher_count)
+        silent = (topic for topic in self._topics if not topic.publisher_count)
         return next((topic._why_unmatched() for topic in silent), "")
 
     async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
@@ -267,7 +281,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             ClosedError: the client is closed, also while waiting.
         """
         return await self._scope.wait_or_raise(
-            self._is_available.get,
+            self._is_available,
             timeout_s,
             lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
             self,
@@ -299,8 +313,8 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             IncompatibleServiceError: the only servers are Fast DDS servers that cannot be used.
             ClosedError: the client is closed.
         """
-        self._require_open()
-        deadline = Deadline(timeout_s)
+        if self._closed or self._scope.closed:
+            self._require_open()
         request = self._type.cls.SendGoal.Request()
         goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
         if goal_id in self._goals:
@@ -312,10 +326,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         )
         self._goals[goal_id] = client_goal
         try:
-            response = await self._call_send_goal(request, deadline, timeout_s)
+            response = await self._call_send_goal(request, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
-            client_goal._on_accepted(read_stamp(response.stamp), self._scope.loop_binding.running_loop().time())
+            client_goal._on_accepted(response.stamp, asyncio.get_running_loop().time())
             self._request_result(client_goal)
         except BaseException:
             self._goals.pop(goal_id, None)
@@ -324,8 +338,10 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
 
     send_goal_sync = blocking(send_goal)
 
-    async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
-        if not self._is_available.get():
+    async def _call_send_goal(self, request: Any, timeout_s: float | None) -> Any:
+        left_s = timeout_s
+        if not self._servers[None]:
+            deadline = Deadline(timeout_s)
             # Raise encoding errors before waiting for a server.
             self._type.send_goal.request.encode(request)
             try:
@@ -334,8 +350,9 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
                 names = ", ".join(self._missing())
                 text = f"action {self.name}: goal not sent, because no server appeared in {timeout_s} s at {names}"
                 raise ActionTimeoutError(with_reason(text, error.reason)) from None
+            left_s = deadline.remaining_s()
         try:
-            return await self._send.call(request, deadline.remaining_s())
+            return await self._send.call(request, left_s)
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"action {self.name}: no reply to the goal in {timeout_s} s") from error
         except ServerLostError as error:
@@ -476,4 +493,5 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         for goal in list(self._goals.values()):
             goal._on_error(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()
+        self._servers.close()
         super().close()

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.flow_control import PendingRequest
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
 
 CHECK_INTERVAL_S = 0.5
@@ -82,7 +83,7 @@ class _ResultRequest:
         candidate_servers: reply writers of the servers that may know the goal.
         initial_servers: reply writers of the servers that existed when the goal was accepted.
         requested_servers: reply writers of all servers that received a request.
-        sequence_numbers: sequence numbers of the requests; empty while there is no server.
+        sent_requests: requests without a final response; empty while there is no server.
         repeat_at_s: loop time to repeat the request; 0 while the goal continues.
         repeat_interval_s: delay that leads to `repeat_at_s`.
         unknown_count: number of UNKNOWN replies of `initial_servers` after the goal has ended.
@@ -100,7 +101,7 @@ class _ResultRequest:
     candidate_servers: set[bytes] = field(default_factory=set)
     initial_servers: frozenset[bytes] = frozenset()
     requested_servers: set[bytes] = field(default_factory=set)
-    sequence_numbers: list[int] = field(default_factory=list)
+    sent_requests: list[PendingRequest[Any]] = field(default_factory=list)
     repeat_at_s: float = 0.0
     repeat_interval_s: float = field(default_factory=lambda: RETRY_DELAY_S)
     unknown_count: int = 0
@@ -158,21 +159,23 @@ class ResultRequester:
 
     def _restart(self, pending: _ResultRequest) -> None:
         """Withdraw earlier requests for a result, and send a new request to the present servers, if there are any."""
-        self._abandon(pending)
+        if pending.sent_requests:
+            self._abandon(pending)
         pending.is_early = pending.is_retrying = False
-        pending.candidate_servers = self.client._servers()
-        if pending.candidate_servers:
-            self._send(pending)
+        pending.candidate_servers = servers = self.client._servers()
+        if servers:
+            self._send(pending, servers)
 
-    def _send(self, pending: _ResultRequest) -> None:
-        pending.requested_servers |= self.client._servers()
+    def _send(self, pending: _ResultRequest, servers: set[bytes]) -> None:
+        """Send another request for a result to the present servers, whose reply writers are `servers`."""
+        pending.requested_servers |= servers
         on_reply, on_error = partial(self._on_reply, pending), partial(self._on_error, pending)
-        pending.sequence_numbers.append(self.client._start_request(pending.request, on_reply, on_error))
+        pending.sent_requests.append(self.client._start_request(pending.request, on_reply, on_error))
 
     def _abandon(self, pending: _ResultRequest) -> None:
-        for number in pending.sequence_numbers:
-            self.client._abandon_request(number)
-        pending.sequence_numbers.clear()
+        for request in pending.sent_requests:
+            self.client._abandon_request(request)
+        pending.sent_requests.clear()
 
     def _on_reply(self, pending: _ResultRequest, response: Any, server: bytes | None) -> bool:
         """Handle a response to a result request.
@@ -248,11 +251,11 @@ class ResultRequester:
             elif pending.unknown_reply is not None and self._has_been_restarted(pending, names, now_s):
                 self._accept_unknown(pending, pending.unknown_reply[0])
             elif self._restarted_servers(pending, names) - pending.requested_servers:
-                self._send(pending)
+                self._send(pending, present)
             elif pending.is_repeat_due(now_s):
                 pending.repeat_interval_s *= 2
                 pending.repeat_at_s = now_s + pending.repeat_interval_s
-                self._send(pending)
+                self._send(pending, present)
         self._check_timer = loop.call_later(CHECK_INTERVAL_S, self._check_servers)
 
     def _switch_server(self, pending: _ResultRequest, present: set[bytes], now_s: float) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -66,7 +67,7 @@ class GoalRecord:
     """Internal state of a `ServerGoal`. Its status is not included; it is stored in the server's `GoalTable`.
 
     Attributes:
-        accepted_stamp: time of acceptance by the server's clock; None until the goal is accepted.
+        accepted_ns: time of acceptance by the server's clock; None until the goal is accepted.
         cancel_requested: a cancel request was accepted, or the server is closing.
         has_started: the goal has started to execute; stays true after its end.
         executed_by: `current_task_or_thread()` of the execute function while it runs.
@@ -76,7 +77,7 @@ class GoalRecord:
     """
 
     def __init__(self) -> None:
-        self.accepted_stamp: Time | None = None
+        self.accepted_ns: int | None = None
         self.cancel_requested = False
         self.has_started = False
         self.executed_by: object = None
@@ -138,14 +139,14 @@ class ServerGoal(Generic[ActionT_co]):
     @property
     def accepted_stamp(self) -> Time:
         """Time of acceptance by the server's clock; available even after the result has expired."""
-        stamp = self._record.accepted_stamp
-        assert stamp is not None, "callers get a goal only once it is accepted"
-        return stamp
+        accepted_ns = self._record.accepted_ns
+        assert accepted_ns is not None, "callers get a goal only once it is accepted"
+        return Time(nanoseconds=accepted_ns, clock_type=self._goals.clock_type)
 
     @property
     def is_active(self) -> bool:
         """True until the goal has ended."""
-        return self.status.is_active
+        return self.goal_id in self._goals.active
 
     @property
     def is_cancel_requested(self) -> bool:
@@ -232,7 +233,8 @@ class ServerGoal(Generic[ActionT_co]):
     def _finish(self, event: GoalEvent, result: object | None) -> GoalResult:
         executed_by = self._record.executed_by
         awaits_return = result is None and executed_by is not None and executed_by == current_task_or_thread()
-        self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result, awaits_return=awaits_return))
+        goals = self._goals
+        goals.on_loop(partial(goals.finish, self.goal_id, event, result, awaits_return=awaits_return))
         return FINISHED
 
     def __repr__(self) -> str:
@@ -265,6 +267,7 @@ class ServerGoals:
     ) -> None:
         self._scope = scope
         self._clock = clock
+        self.clock_type = clock.clock_type
         self._type = action_type
         self._name = names.action
         self._run = run
@@ -321,7 +324,7 @@ class ServerGoals:
             return None
         info = self.table.accept(goal.goal_id, self._clock.now_ns())
         assert info is not None, "the caller has rejected ids that are in use"
-        goal._record.accepted_stamp = Time(nanoseconds=info.stamp_ns, clock_type=self._clock.clock_type)
+        goal._record.accepted_ns = info.stamp_ns
         self._statuses.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
         self.active[goal.goal_id] = goal
         if decision is GoalDecision.ACCEPT:
@@ -383,7 +386,8 @@ class ServerGoals:
             EncodeError, TypeError: the result does not fit its type; the goal continues.
             ClosedError: the server is closed.
         """
-        self._scope.require_open(False, f"action server {self._name}")
+        if self._scope.closed:
+            self._scope.require_open(True, f"action server {self._name}")
         data = self._type.encode_result(TERMINAL_STATUS_OF[event], result)
         self.table.finish(goal_id, event, data, self._clock.now_ns())
         self._statuses.set_status(goal_id, TERMINAL_STATUS_OF[event])
@@ -409,9 +413,8 @@ class ServerGoals:
         """
         _, event = self.returning.get(goal.goal_id, (goal, None))
         if event is None:
-            status = self.table.status(goal.goal_id)
-            sent = self.table.result(goal.goal_id)
-            return result is None or sent is None or sent == self._type.encode_result(status, result)
+            sent = None if result is None else self.table.result(goal.goal_id)
+            return sent is None or sent == self._type.encode_result(self.table.status(goal.goal_id), result)
         status = GoalStatus.ABORTED if failed else TERMINAL_STATUS_OF[event]
         data = self._type.encode_result(status, result)
         del self.returning[goal.goal_id]
@@ -470,7 +473,8 @@ class ServerGoals:
         if self._scope.closed:
             return
         now_ns = self._clock.now_ns()
-        self._statuses.remove(self.table.expire(now_ns))
+        if expired := self.table.expire(now_ns):
+            self._statuses.remove(expired)
         # A running timer is never too late, because the time of the next expiry only increases.
         if self._expiry is None and not self._clock.ros_time_is_active:
             due_ns, loop = self.table.next_expiry_ns(), self._scope.loop_binding.loop

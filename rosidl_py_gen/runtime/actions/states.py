@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from itertools import islice, takewhile
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -244,8 +243,8 @@ class GoalTable(Generic[ResultT]):
             GoalTransitionError: the event is not possible in the status of the goal.
         """
         goal = self._find(goal_id)
+        assert event not in TERMINAL_STATUS_OF, "use finish"
         status = next_goal_status(goal.status, event)
-        assert not status.is_terminal, "use finish"
         goal.status = status
         return status
 
@@ -257,10 +256,9 @@ class GoalTable(Generic[ResultT]):
             GoalTransitionError: the event is not possible in the status of the goal.
         """
         goal = self._find(goal_id)
-        status = next_goal_status(goal.status, event)
-        assert status.is_terminal, "use apply"
-        goal.status, goal.result = status, result
-        if any(ended_ns > now_ns for ended_ns in islice(reversed(self._ended_ns.values()), 1)):
+        assert event in TERMINAL_STATUS_OF, "use apply"
+        goal.status, goal.result = next_goal_status(goal.status, event), result
+        if next(reversed(self._ended_ns.values()), now_ns) > now_ns:
             # The clock has jumped back: results must not be retained until it has caught up.
             self._ended_ns = {key: min(ended_ns, now_ns) for key, ended_ns in self._ended_ns.items()}
         self._ended_ns[goal_id] = now_ns
@@ -316,7 +314,12 @@ class GoalTable(Generic[ResultT]):
 
     def expire(self, now_ns: int) -> list[bytes]:
         """Remove finished goals whose result timeout is over; return their ids."""
-        expired = list(takewhile(lambda goal_id: self._has_expired(self._ended_ns[goal_id], now_ns), self._ended_ns))
+        timeout_ns, expired = self.result_timeout_ns, []
+        if timeout_ns is not None:
+            for goal_id, ended_ns in self._ended_ns.items():
+                if 0 < timeout_ns >= now_ns - ended_ns:
+                    break  # all others have ended later
+                expired.append(goal_id)
         for goal_id in expired:
             del self._goals[goal_id], self._ended_ns[goal_id]
         return expired
@@ -328,10 +331,6 @@ class GoalTable(Generic[ResultT]):
         for ended_ns in self._ended_ns.values():
             return ended_ns + max(self.result_timeout_ns, 0) + 1
         return None
-
-    def _has_expired(self, ended_ns: int, now_ns: int) -> bool:
-        timeout_ns = self.result_timeout_ns
-        return timeout_ns is not None and (timeout_ns <= 0 or now_ns - ended_ns > timeout_ns)
 
     def _find(self, goal_id: bytes) -> _Goal[ResultT]:
         goal = self._goals.get(goal_id)

@@ -150,7 +150,7 @@ def action_type(source: object, *, arrays: bool = False) -> ActionType:
 
 def _class_type(cls: type[Message]) -> ActionMessageType:
     def check(value: Any) -> Message:
-        if not is_of_type(value, cls):
+        if value.__class__ is not cls and not is_of_type(value, cls):
             raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
         return value  # type: ignore[no-any-return]
 

@@ -14,7 +14,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from rosidl_py_gen.base.blocking import blocking
-from rosidl_py_gen.base.waiters import complete_threadsafe, set_result_if_pending
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.entities.flow_control import PendingRequest, RequestTimedOutError
 from rosidl_py_gen.runtime.entities.service_common import (
@@ -25,7 +26,7 @@ from rosidl_py_gen.runtime.entities.service_common import (
     incompatible_peer_text,
 )
 from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
-from rosidl_py_gen.runtime.time.values import Deadline, with_reason
+from rosidl_py_gen.runtime.time.values import Deadline, timeout_to_ns, with_reason
 from rosidl_py_gen.runtime.transport.service_api import NoReply
 
 if TYPE_CHECKING:
@@ -34,12 +35,16 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.transport.api import Payload
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.service_api import ServerAvailability
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
+
+
+def _complete(future: asyncio.Future[ResponseT], response: ResponseT, _: bytes | None) -> None:
+    if not future.done() and not future.get_loop().is_closed():
+        future.set_result(response)
 
 
 class Client(ServiceEndpoint[RequestT, ResponseT]):
@@ -57,10 +62,11 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
     ) -> None:
         super().__init__(scope, service_type, name, qos, is_client=True, type_hash_check=type_hash_check)
         self._transport_client = self._open(scope.participant.create_client(self._spec))
-        self._pending: dict[int, PendingRequest[ResponseT]] = {}
+        self._pending: dict[PendingRequest[ResponseT], Literal[True]] = {}
+        """Requests without a response, in the order of their creation; a dict, because `pop` is one operation."""
         self._by_sequence_number: dict[int, PendingRequest[ResponseT]] = {}
-        """Pending requests that were sent, by sequence number."""
-        self._timeouts: TimeoutTable | None = None
+        """Sequence number -> pending request, for the requests that were sent."""
+        self._timeouts: TimeoutTable[PendingRequest[ResponseT]] | None = None
         self._has_direct_callbacks = False
         """True once a request has a callback that may run code of the user; False while callbacks only complete asyncio
         futures."""
@@ -98,10 +104,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
     def _servers(self) -> set[bytes]:
         """Return the GUIDs of the reply writers of all connected servers; empty if no server can be called."""
-        try:
-            return set(self._transport_client.connected()) if self._available() else set()
-        except IncompatibleServiceError:
-            return set()
+        return set(self._transport_client.connected()) if self._transport_client.servers().is_available else set()
 
     def _available(self) -> ServerAvailability:
         """Return the availability of servers as an object that is false in a condition if no server can be called.
@@ -146,34 +149,38 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             ClosedError: the client was closed, also while waiting.
         """
         scope = self._scope
-        self._require_open()
-        deadline = Deadline(timeout_s)
-        loop = scope.loop_binding.running_loop()
+        if self._closed or scope.closed:
+            self._require_open()
+        timeout_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
+        left_s = None if timeout_ns is None else timeout_ns / NS_PER_S
+        loop = asyncio.get_running_loop()
+        if loop is not scope.loop_binding.bound_loop:
+            scope.loop_binding.attach(loop)
         encoded = self._type.request.encode(request)
-        servers = self._available()
+        servers = self._transport_client.servers()
         if not servers.is_available:
-            await scope.wait_until(self._available, deadline.remaining_s(), self)
-            servers = self._available()
-        if not servers.is_available:
-            raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
+            deadline = Deadline(timeout_s)
+            await scope.wait_until(self._available, timeout_s, self)
+            servers, left_s = self._available(), deadline.remaining_s()
+            if not servers.is_available:
+                raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
         future: asyncio.Future[ResponseT] = loop.create_future()
-        left_s, on_error = deadline.remaining_s(), partial(complete_threadsafe, future, None)
-        pending: PendingRequest[ResponseT] = PendingRequest(
-            encoded, lambda response, _: set_result_if_pending(future, response), on_error, left_s
-        )
+        on_error = partial(complete_threadsafe, future, None)
+        pending: PendingRequest[ResponseT] = PendingRequest(encoded, partial(_complete, future), on_error, left_s)
         self._enqueue(pending, servers)
         if left_s is not None:
             if self._timeouts is None or self._timeouts.loop is not loop:
                 self._timeouts = TimeoutTable(loop, self._expire)
             pending.timeouts = self._timeouts
-            self._timeouts.add(pending.key, left_s)
+            self._timeouts.add(pending, left_s)
         try:
             return await future
         except RequestTimedOutError:
             text = f"no response from {self.name} ({self.service_type}) in {timeout_s:g} s"
             raise CallTimeoutError(with_reason(text, self._type_hash_filter.drop_reason)) from None
         finally:
-            self._abandon_request(pending.key)
+            if pending in self._pending:
+                self._abandon_request(pending)
 
     call_sync = blocking(call)
 
@@ -210,7 +217,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
         def on_done(_: object) -> None:
             if future.cancelled():
-                scope.loop_binding.call_soon(partial(self._abandon_request, pending.key))
+                scope.loop_binding.call_soon(partial(self._abandon_request, pending))
 
         self._has_direct_callbacks = True
         pending = PendingRequest(encoded, on_reply, on_error)
@@ -223,8 +230,8 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         request: RequestT,
         on_reply: Callable[[ResponseT, bytes | None], object],
         on_error: Callable[[Exception], object],
-    ) -> int:
-        """Send a request to the servers that are connected now; return the key for `_abandon_request`. Thread: loop.
+    ) -> PendingRequest[ResponseT]:
+        """Send a request to the servers that are connected now; return it for `_abandon_request`. Thread: loop.
 
         Args:
             request: request message.
@@ -233,57 +240,50 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             on_error: called with `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError`; no other call
                 follows. Thread: loop.
         """
-        self._require_open()
-        self._scope.loop_binding.running_loop()
+        if self._closed or self._scope.closed:
+            self._require_open()
         self._has_direct_callbacks = True
         pending = PendingRequest(self._type.request.encode(request), on_reply, on_error)
         self._enqueue(pending, self._transport_client.servers())
-        return pending.key
+        return pending
 
-    def _abandon_request(self, key: int) -> None:
-        """Discard the request with a key, if it is still pending."""
-        pending = self._pending.pop(key, None)
-        if pending is not None:
-            if pending.sequence_number:
-                del self._by_sequence_number[pending.sequence_number]
-                self._transport_client.cancel(pending.sequence_number)
-            if pending.timeouts is not None:
-                pending.timeouts.remove(key)
-            if pending.flow_number:
-                self._window.release(pending.flow_number)
+    def _abandon_request(self, pending: PendingRequest[ResponseT]) -> None:
+        """Discard a request, if it is still pending."""
+        if not self._pending.pop(pending, False):
+            return
+        if pending.sequence_number:
+            del self._by_sequence_number[pending.sequence_number]
+            self._transport_client.cancel(pending.sequence_number)
+        if pending.timeouts is not None:
+            pending.timeouts.remove(pending)
+        if pending.flow_number:
+            self._window.release(pending.flow_number)
 
     def _enqueue(self, pending: PendingRequest[ResponseT], servers: ServerAvailability) -> None:
         pending.had_servers = servers.is_available or bool(self._transport_client.server_endpoints())
-        self._pending[pending.key] = pending
+        self._pending[pending] = True
         if servers.request_queue_depth:
             self._window.acquire(partial(self._send_in_window, pending), servers.request_queue_depth, self)
-        else:
-            self._send_soon(pending)
-
-    def _expire(self, key: int) -> None:
-        pending = self._pending.get(key)
-        if pending is not None:
-            self._fail(pending, RequestTimedOutError())
-
-    def _send_soon(self, pending: PendingRequest[ResponseT]) -> None:
-        if self._send_queue.waiting or not self._send(pending):
+        elif self._send_queue.waiting or not self._send(pending):
             self._send_queue.send(partial(self._send, pending))
 
+    def _expire(self, pending: PendingRequest[ResponseT]) -> None:
+        if pending in self._pending:
+            self._fail(pending, RequestTimedOutError())
+
     def _send_in_window(self, pending: PendingRequest[ResponseT], flow_number: int) -> bool:
-        if pending.key not in self._pending:
+        if pending not in self._pending:
             return False
         # Clients that share the server's queue may have appeared since the request was enqueued.
         self._window.server_queue_depth = self._transport_client.servers().request_queue_depth or sys.maxsize
         pending.flow_number = flow_number
-        self._send_soon(pending)
+        if self._send_queue.waiting or not self._send(pending):
+            self._send_queue.send(partial(self._send, pending))
         return True
 
     def _send(self, pending: PendingRequest[ResponseT]) -> bool:
-        """Write a request.
-
-        Returns False if the request must wait, because servers are slow to acknowledge earlier requests.
-        """
-        if pending.key not in self._pending:
+        """Write a request; return False if the servers are so far behind that the request must wait."""
+        if pending not in self._pending:
             return True
         try:
             number = self._transport_client.send(pending.encoded, pending.timeout_s)
@@ -291,7 +291,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             self._fail(pending, error)
             return True
         except BaseException:  # raised by a signal handler
-            self._abandon_request(pending.key)
+            self._abandon_request(pending)
             raise
         if number is None:
             return False
@@ -302,7 +302,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return True
 
     def _fail(self, pending: PendingRequest[ResponseT], error: Exception) -> None:
-        self._abandon_request(pending.key)
+        self._abandon_request(pending)
         pending.on_error(error)
 
     def _on_replies(self) -> Callable[[], None] | None:
@@ -328,8 +328,17 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
                 continue
             if self._introspection is not None:
                 self._introspection.publish(self._transport_client.gid, number, response, is_sent=False)
-            if pending is not None:
-                self._handle_reply(pending, response, server)
+            if pending is None:
+                continue
+            if pending.flow_number:
+                self._window.on_response(pending.flow_number, self)
+            try:
+                message = self._type.response.decode(response)
+            except DecodeError as error:
+                self._fail(pending, error)
+                continue
+            if pending.on_reply(message, server) is not True and pending in self._pending:
+                self._abandon_request(pending)
 
     def _on_discovery(self, _: object) -> None:
         if self._pending:
@@ -342,23 +351,12 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         self._transport_client.report_lost_requests()
         self._read_all()
         if not self._transport_client.server_endpoints():
-            for pending in list(self._pending.values()):
+            for pending in list(self._pending):
                 if pending.had_servers and not pending.sequence_number:
                     self._fail(pending, self._lost_reason(NoReply()))
 
     def _lost_reason(self, why: NoReply) -> ServerLostError:
         return ServerLostError(f"the server of {self.name} {why.reason}")
-
-    def _handle_reply(self, pending: PendingRequest[ResponseT], message: Payload, server: bytes | None) -> None:
-        if pending.flow_number:
-            self._window.on_response(pending.flow_number, self)
-        try:
-            response = self._type.response.decode(message)
-        except DecodeError as error:
-            self._fail(pending, error)
-            return
-        if pending.on_reply(response, server) is not True:
-            self._abandon_request(pending.key)
 
     def _described(self) -> str:
         return f"the client of {self.name}"
@@ -376,7 +374,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         """Close the client; calls in flight raise `ClosedError`. May be called twice."""
         if self._begin_close(*self._transport_client.endpoints):
             self._loss_registration.close()
-            for pending in list(self._pending.values()):
+            for pending in list(self._pending):
                 self._fail(pending, ClosedError(f"the client of {self.name} was closed during the call"))
             self._send_queue.close()
             self._transport_client.close()

@@ -456,11 +456,11 @@ class EntityScope:
         return self.discovery.unmatched.why(guid, topic_key, is_writer=is_writer, matched=matched, ending=ending)
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-        """Run a coroutine as a task that the scope cancels when it closes.
-
-        The scope refers to the task until the task ends.
-        """
-        task = start_task(self.loop_binding.running_loop(), coroutine)
+        """Run a coroutine as a task that the scope cancels when it closes, and references until the task ends."""
+        loop = asyncio.get_running_loop()
+        if loop is not self.loop_binding.bound_loop:
+            self.loop_binding.attach(loop)
+        task = start_task(loop, coroutine)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
         return task

@@ -17,7 +17,7 @@ import itertools
 import threading
 import weakref
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.base.waiters import current_loop
@@ -41,15 +41,6 @@ STALL_TIMEOUT_S = 10.0
 """Time in seconds without a response after which one request beyond the queue depth is sent, as earlier requests may be
 lost."""
 
-_request_keys = itertools.count(1)
-_request_key_lock = threading.RLock()
-"""Lock for `_request_keys`: without the GIL, `next` of CPython 3.13 may return a number twice."""
-
-
-def _next_request_key() -> int:
-    with _request_key_lock:
-        return next(_request_keys)
-
 
 class RequestTimedOutError(RosidlError):
     """Raised internally if no response arrived in time.
@@ -60,14 +51,13 @@ class RequestTimedOutError(RosidlError):
 
 @dataclass(slots=True, eq=False)
 class PendingRequest(Generic[ResponseT]):
-    """Request that has no response yet.
+    """Request that has no response yet; compared by identity.
 
     Attributes:
         encoded: serialized request.
         on_reply: called with the response and the GUID of its reply writer.
         on_error: called with the exception if there is no response.
         timeout_s: time limit of the call; None without one.
-        key: identifies the request in the process, also before it is sent.
         sequence_number: number that the transport assigned; 0 until the request is sent.
         flow_number: number in the `RequestFlowControl`; 0 if the request is not subject to flow control.
         timeouts: table with the request's timeout; None without one.
@@ -78,10 +68,9 @@ class PendingRequest(Generic[ResponseT]):
     on_reply: Callable[[ResponseT, bytes | None], object]
     on_error: Callable[[Exception], object]
     timeout_s: float | None = None
-    key: int = field(default_factory=_next_request_key)
     sequence_number: int = 0
     flow_number: int = 0
-    timeouts: TimeoutTable | None = None
+    timeouts: TimeoutTable[PendingRequest[ResponseT]] | None = None
     had_servers: bool = False
 
 

@@ -113,7 +113,7 @@ class Publisher(Entity, Generic[T]):
     def _publish_without_waiting(self, message: T) -> None:
         """Publish a message and return at once on every thread; for logging, which must not delay its caller."""
         data = self._encode(message)
-        if not self._closed:
+        if not self._closed and (self._send_queue.waiting or not self._write(data)):
             self._send_queue.send(partial(self._write, data))
 
     def _send_later(self, write: Callable[[], bool]) -> None:
@@ -169,7 +169,7 @@ class Publisher(Entity, Generic[T]):
         return await self._scope.wait_or_raise(
             lambda: self.subscription_count >= count,
             timeout_s,
-            lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
+            lambda: f"{pluralize(self.subscription_count, 'subscription')} on {self.topic}, expected at least {count},",
             self,
             why=self._why_unmatched,
         )

@@ -99,7 +99,8 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         """
         if self._responded:
             raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
-        self._server._respond(self._origin, response)
+        if not self._server._respond(self._origin, response):
+            raise ClosedError(f"service {self._server.name} of node {self._server._scope.node_name} is closed")
         self._responded = True
 
 
@@ -167,24 +168,20 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         return self._on_arrival if self._requests.waiting else None
 
     def _read_all(self) -> None:
-        take = self._transport_server.take
+        take, callback = self._transport_server.take, self._callback
         while not self._closed and (received := take()) is not None:
-            request = self._decode_request(*received)
-            if request is None:
+            origin, data, client, source_ns, received_ns = received
+            message = self._decode_request(origin, data, client)
+            if message is None:
                 continue
-            if self._callback is None:
-                self._requests._push(request)
+            if callback is None:
+                self._requests._push(ServiceRequest(self, origin, message, (source_ns, received_ns)))
             else:
-                self._callback.call(request.message, on_result=partial(self._on_result, request))
+                callback.call(message, on_result=partial(self._respond, origin))
 
     def _decode_request(
-        self,
-        origin: RequestId,
-        data: Payload | IncompatiblePeer | DecodeError,
-        client: bytes | None,
-        source_ns: int,
-        received_ns: int,
-    ) -> ServiceRequest[RequestT, ResponseT] | None:
+        self, origin: RequestId, data: Payload | IncompatiblePeer | DecodeError, client: bytes | None
+    ) -> RequestT | None:
         if isinstance(data, IncompatiblePeer):
             if self._throttle.allows():
                 text = incompatible_peer_text(self._scope.graph, data, self.name, "a client")
@@ -197,7 +194,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
                 return None
             if self._introspection is not None:
                 self._introspection.publish(*self._transport_server.request_origin(origin), data, is_sent=False)
-            return ServiceRequest(self, origin, self._type.request.decode(data), (source_ns, received_ns))
+            return self._type.request.decode(data)
         except DecodeError as err:
             if self._throttle.allows():
                 self._scope.logger.warning(
@@ -205,13 +202,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
                 )
             return None
 
-    def _on_result(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
-        if not self._closed:
-            request.respond(response)
-
-    def _respond(self, origin: RequestId, response: ResponseT) -> None:
+    def _respond(self, origin: RequestId, response: ResponseT) -> bool:
+        """Send a response, perhaps later; return False if the server is closed."""
         if self._closed:
-            raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
+            return False
         data = self._type.response.encode(response)
         if self._transport_server.can_reach_client(origin):
             if self._send_queue.waiting or not self._send(origin, data):
@@ -220,6 +214,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             self._wait_and_send(origin, data)
         else:
             self._scope.loop_binding.call_soon(lambda: self._wait_and_send(origin, data))
+        return True
 
     def _send(self, origin: RequestId, data: bytes) -> bool:
         is_sent = self._transport_server.send(origin, data)

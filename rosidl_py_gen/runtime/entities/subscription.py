@@ -421,7 +421,7 @@ class Subscription(PollableEntity, Generic[T]):
         return await self._scope.wait_or_raise(
             lambda: self.publisher_count >= count,
             timeout_s,
-            lambda: f"{self.publisher_count} publishers on {self.topic}, expected at least {count},",
+            lambda: f"{pluralize(self.publisher_count, 'publisher')} on {self.topic}, expected at least {count},",
             self,
             why=self._why_unmatched,
         )

@@ -1,5 +1,4 @@
-"""Discovery of the peers of a context: updates the graph, announces the context's own nodes, and reports incompatible
-endpoints.
+"""Discovery side of a context: announces own nodes, reports changes of the graph and incompatible endpoints.
 
 The context's nodes are announced after every change; several changes in one loop iteration are announced together. The
 graph's data is in `graph.py`. How nodes are announced, and which endpoints are incompatible, depends on the transport.
@@ -59,7 +58,8 @@ class Discovery:
         """Create the graph of a context; `announce_delay_s` is the argument of `Context`."""
         self._participant = participant
         self._loop_binding = loop_binding
-        self.graph = Graph(participant.guid)
+        self._index = participant.endpoint_index
+        self.graph = Graph(self._index, participant.guid)
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
@@ -103,7 +103,7 @@ class Discovery:
         with self._lock:
             if self._nodes.pop(number, None) is not None:
                 if self._loop_binding.in_loop_thread():
-                    self.graph.set_nodes(self._participant.guid, self._nodes.values())
+                    self._index.set_nodes(self._participant.guid, self._nodes.values())
                 self._publish_or_schedule()
 
     def endpoints_of(self, number: int) -> frozenset[bytes]:
@@ -150,7 +150,7 @@ class Discovery:
             except ClosedError:
                 if not self._closed:  # another thread closes the context, which peers notice without this announcement
                     raise
-            self.graph.set_nodes(self._participant.guid, self._nodes.values())
+            self._index.set_nodes(self._participant.guid, self._nodes.values())
         self._changed()
 
     def refresh(self) -> None:
@@ -181,16 +181,13 @@ class Discovery:
         return all(self.graph.endpoints.keys() >= node.reader_gids | node.writer_gids for node in nodes)
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
-        topics: set[TopicKey] = set()
+        """Report incompatible endpoints and changed topics. The transport has applied the events to its index."""
+        topics = self._index.take_changed_topics()
         for event in events:
             if isinstance(event, EntityLost):
-                if (lost := self.graph.endpoints.get(event.guid)) is not None:
-                    topics.add(lost.topic_key)
                 self._reported = {report for report in self._reported if event.guid not in report}
-            new_endpoint = self.graph.apply(event)
-            if new_endpoint is not None:
-                topics.add(new_endpoint.topic_key)
-                self._check_new_endpoint(new_endpoint)
+            elif isinstance(event, DiscoveredEndpoint):
+                self._check_endpoint(event)
         for function in self.on_change:
             function(topics)
         self._changed()
@@ -220,9 +217,8 @@ class Discovery:
                 if result := self.incompatibility(writer, reader):
                     yield Mismatch(info(writer), info(reader), result.mismatch_kind, result.reason)
 
-    def _check_new_endpoint(self, new: DiscoveredEndpoint) -> None:
-        """Report a new endpoint that is incompatible with an endpoint of opposite direction on its topic, if one of
-        both is the context's own.
+    def _check_endpoint(self, new: DiscoveredEndpoint) -> None:
+        """Report a new or changed endpoint if it is incompatible with one of opposite direction and one is our own.
 
         Each pair is reported once, after all received events were applied, because a function of the user may read the
         graph, and when the names of the nodes are known. With ``type_hash_check="off"``, a different definition is not

@@ -1,31 +1,25 @@
-"""Graph of nodes, topics, services and endpoints, as a plain data structure that is fed with discovery events.
+"""Graph of nodes, topics, services and endpoints: questions about the index that a transport writes.
 
 The graph combines discovered endpoints with the nodes that participants announce (docs/internals/protocol.md 6.3, 6.4).
-It does no I/O and does not wait. `version` is incremented with every change.
+It contains no data, does no I/O and does not wait.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.api import (
-    DiscoveredEndpoint,
-    EntityLost,
-    NodesAnnounced,
-    ParticipantDiscovered,
-)
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
-from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.runtime.transport.api import DiscoveryEvent, NodeEntities
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, NodeEntities
+    from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex, KnownParticipant
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
@@ -134,47 +128,27 @@ class ParticipantInfo:
         return b"" if has_hashed_guid(self.guid) else self.guid[:2]
 
 
-@dataclass(slots=True)
-class _Participant:
-    enclave: str | None = None
-    nodes: list[NodeEntities] = field(default_factory=list)
-    is_humble: bool | None = None
+class Graph:
+    """Discovered participants, nodes and endpoints; may be read while another thread changes the index.
 
+    Args:
+        index: index of the context's participant.
+        own_participant: GUID of that participant.
+    """
 
-class Graph(EndpointIndex):
-    """Discovered participants, nodes and endpoints; may be read while another thread changes it."""
-
-    def __init__(self, own_participant: bytes = b"") -> None:
-        super().__init__()
+    def __init__(self, index: EndpointIndex, own_participant: bytes = b"") -> None:
+        self._index = index
         self._own_participant = own_participant
-        self._participants: dict[bytes, _Participant] = {}
+        self._participants = index.participants
+        self.endpoints = index.endpoints
+        """Discovered endpoints by GUID."""
+        self.endpoints_on = index.endpoints_on
+        """`EndpointIndex.endpoints_on`."""
 
-    def apply(self, event: DiscoveryEvent) -> DiscoveredEndpoint | None:
-        """Apply a discovery event to the graph; return the endpoint if the event reports a new endpoint."""
-        new_endpoint = None
-        match event:
-            case ParticipantDiscovered():
-                self._participants.setdefault(event.guid, _Participant()).enclave = event.enclave
-            case NodesAnnounced():
-                self.set_nodes(event.guid, event.nodes)
-                self._participants[event.guid].is_humble = event.is_humble
-            case DiscoveredEndpoint():
-                new_endpoint = None if event.guid in self.endpoints else event
-                self.add(event)
-            case EntityLost():
-                self.remove(event.guid)
-                self._participants.pop(event.guid, None)
-        self._count_change()
-        return new_endpoint
-
-    def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
-        """Replace all nodes of a participant in the graph."""
-        self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
-        self._count_change()
-
-    def _count_change(self) -> None:
-        with self._change_lock:
-            self.version += 1
+    @property
+    def version(self) -> int:
+        """Number that is incremented after each change."""
+        return self._index.version
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
         """Return namespace and name of an endpoint's node; UNKNOWN_NODE or BARE_DDS_NODE if the node is not known."""
@@ -213,11 +187,8 @@ class Graph(EndpointIndex):
         return None if participant is None else participant.is_humble
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
-        """Return the sorted names of all topics of one kind that have a writer.
-
-        With ``writers=False``, the topics have a reader.
-        """
-        keys = [key for key in list(self._by_topic_key) if key.kind == kind]
+        """Return the sorted names of all topics of one kind that have a writer, or with ``writers=False`` a reader."""
+        keys = [key for key in self._index.topic_keys() if key.kind == kind]
         return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 
     def has_others(self) -> bool:
@@ -267,7 +238,7 @@ class Graph(EndpointIndex):
             for node in info.nodes
         )
 
-    def _ros_participants(self, participant: bytes | None) -> list[_Participant]:
+    def _ros_participants(self, participant: bytes | None) -> list[KnownParticipant]:
         return [
             info
             for guid, info in list(self._participants.items())

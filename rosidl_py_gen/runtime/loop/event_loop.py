@@ -114,12 +114,15 @@ class PriorityReaderSelector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = []
-        for descriptor in self.select_priority(timeout):
-            if descriptor in self._keys:
+        has_ordinary = False
+        # `select_priority`, without the call and the list: this is the way of each message.
+        for descriptor, _ in self._poll(timeout, MAX_EVENTS):
+            function = self.functions.get(descriptor)
+            if function is None:
+                has_ordinary = True
+            elif function() and descriptor in self._keys:
                 events.append((self._keys[descriptor], selectors.EVENT_READ))
-            elif descriptor not in self.functions:
-                events += super().select(0)
-        return events
+        return events + super().select(0) if has_ordinary else events
 
     def select_priority(self, timeout: float | None) -> list[int]:
         """Wait for events and call the functions of readable priority descriptors.

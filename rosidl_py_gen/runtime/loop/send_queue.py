@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -101,8 +102,9 @@ class DeferredSender(Generic[T]):
     def add(self, item: T) -> None:
         """Add an item. Thread: any."""
         self._waiting.append(item)
-        if self._loop_binding.in_loop_thread():
-            self._loop_binding.call_soon(self.flush)
+        loop = current_loop()
+        if loop is not None and loop is self._loop_binding.bound_loop:
+            loop.call_soon(self.flush)
         else:
             self.flush()
 

@@ -6,34 +6,36 @@ it fires: a timer for each operation would be a tenth of the cost of a service c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable
 
+OperationT = TypeVar("OperationT")
+
 _COALESCE_S = 0.001
 """Minimum time between two checks of timeouts, in seconds, so that many timeouts in sequence share one check."""
 
 
-class TimeoutTable:
-    """Timeouts of operations by number; `expire` is called on the loop with each number whose timeout is over."""
+class TimeoutTable(Generic[OperationT]):
+    """Timeouts of operations, hashable objects; `expire` is called on the loop with each whose timeout is over."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[int], None]) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[OperationT], None]) -> None:
         self.loop = loop
         self._expire = expire
-        self._ends_s: dict[int, float] = {}
+        self._ends_s: dict[OperationT, float] = {}
         self._timer: asyncio.TimerHandle | None = None
 
-    def add(self, number: int, timeout_s: float) -> None:
-        """Add an operation by number; its timeout of this many seconds starts now."""
-        end_s = self._ends_s[number] = self.loop.time() + timeout_s
+    def add(self, operation: OperationT, timeout_s: float) -> None:
+        """Add an operation whose timeout starts now, in seconds."""
+        end_s = self._ends_s[operation] = self.loop.time() + timeout_s
         if self._timer is None or end_s < self._timer.when():
             self._schedule_check(end_s)
 
-    def remove(self, number: int) -> None:
-        """Remove an operation, which then does not expire; without effect for an unknown number."""
-        self._ends_s.pop(number, None)
+    def remove(self, operation: OperationT) -> None:
+        """Remove an operation, which then does not expire; without effect for an unknown one."""
+        self._ends_s.pop(operation, None)
 
     def _schedule_check(self, time_s: float) -> None:
         if self._timer is not None:
@@ -43,11 +45,10 @@ class TimeoutTable:
     def _check(self) -> None:
         self._timer = None
         now_s = self.loop.time()
+        due = [(end_s, operation) for operation, end_s in self._ends_s.items() if end_s <= now_s + _COALESCE_S]
         # In the order of their timeouts, if the loop was blocked and several are due.
-        for _, number in sorted(
-            (end_s, number) for number, end_s in self._ends_s.items() if end_s <= now_s + _COALESCE_S
-        ):
-            if self._ends_s.pop(number, None) is not None:  # `expire` may have removed it
-                self._expire(number)
+        for _, operation in sorted(due, key=lambda item: item[0]):
+            if self._ends_s.pop(operation, None) is not None:  # `expire` may have removed it
+                self._expire(operation)
         if self._ends_s:
             self._schedule_check(max(min(self._ends_s.values()), now_s + _COALESCE_S))

@@ -71,7 +71,8 @@ class UserCallback:
         """
         context = self._context.copy()
         if self.is_async:
-            return context.run(self._start, lambda: self._function(*arguments), on_result)
+            coroutine = self._finish(lambda: self._function(*arguments), on_result)
+            return context.run(self._owner.create_task, coroutine)
         try:
             value = context.run(self._function, *arguments)
             if not isinstance(value, types.CoroutineType):
@@ -85,12 +86,9 @@ class UserCallback:
         ):  # includes CancelledError of a cancelled future, and exceptions such as pytest.fail.Exception
             context.run(self._owner.report_failure, self.subject)
             return None
-        task = context.run(self._start, lambda: value, on_result)
+        task = context.run(self._owner.create_task, self._finish(lambda: value, on_result))
         task.add_done_callback(lambda _: value.close())  # a cancelled task may not have started it
         return task
-
-    def _start(self, function: Callable[[], Any], on_result: Callable[[Any], object]) -> asyncio.Task[None]:
-        return self._owner.create_task(self._finish(function, on_result))
 
     async def run(self, *arguments: object) -> None:
         """Call the callback in the calling task, and await the coroutine that it returns.

@@ -165,7 +165,7 @@ class ParameterClient(CompositeEntity):
         """
 
         def unavailable() -> list[Client[Any, Any]]:
-            return [client for client in self._clients if not client.service_is_available()]
+            return [client for client in self._clients if not client._available()]
 
         def missing() -> str:
             names = ", ".join(client.name for client in unavailable())

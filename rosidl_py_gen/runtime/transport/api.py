@@ -25,6 +25,7 @@ from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
     from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
 
@@ -372,6 +373,10 @@ class Participant(Protocol):
     @property
     def guid(self) -> bytes:
         """GUID of the participant, 16 bytes in network order."""
+
+    @property
+    def endpoint_index(self) -> EndpointIndex:
+        """Index of what was discovered; the discovery sink is called after the index was changed."""
 
     @property
     def middleware(self) -> str:

@@ -1,44 +1,90 @@
-"""Index of discovered endpoints, a cache of results that depend on them, and the share of a server's queue that a
-client may use.
+"""Index of what discovery has reported, a cache of results that depend on it, and the fair share of a server's queue.
+
+The participant of a transport writes its index, before it passes the events on. The graph and the services read it.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable, Iterable
-from typing import Generic, TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
-from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
+from rosidl_py_gen.runtime.transport.api import (
+    DiscoveredEndpoint,
+    DiscoveryEvent,
+    EntityLost,
+    NodeEntities,
+    NodesAnnounced,
+    ParticipantDiscovered,
+    TopicKey,
+)
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 ResultT = TypeVar("ResultT")
 
+_MAX_RESULTS = 1000
+"""Maximum number of results in a cache: peers choose the numbers of their clients, which are part of a key."""
+
+
+@dataclass(slots=True)
+class KnownParticipant:
+    """Participant as discovery has reported it so far.
+
+    Attributes:
+        enclave: None if the participant is not of ROS, or only its nodes are known.
+        nodes: nodes that the participant has announced last.
+        is_humble: as in `NodesAnnounced`.
+    """
+
+    enclave: str | None = None
+    nodes: tuple[NodeEntities, ...] = ()
+    is_humble: bool | None = None
+
 
 class EndpointIndex:
-    """Index of discovered endpoints by GUID and by topic.
+    """Index of discovered endpoints by GUID and by topic, and of their participants.
 
     Thread: any. Reading methods take no lock and copy what they read in one operation; a lock serializes changes.
     """
 
     def __init__(self) -> None:
         self.version = 0
-        """Number that is incremented after each change of the index, so that other threads can cache results together
-        with it."""
+        """Number that is incremented after each change, of nodes, too; other threads cache results by this version."""
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
+        self.participants: dict[bytes, KnownParticipant] = {}
         self._by_topic_key: dict[TopicKey, dict[bytes, DiscoveredEndpoint]] = {}
-        """Discovered endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without
-        the GIL."""
+        """Endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without the GIL."""
+        self._changed_topics: set[TopicKey] = set()
+        self._caches: dict[TopicKey, list[MatchCache[Any]]] = {}
         self._change_lock = threading.RLock()
+
+    def apply(self, events: Iterable[DiscoveryEvent]) -> None:
+        """Apply discovery events."""
+        for event in events:
+            match event:
+                case DiscoveredEndpoint():
+                    self.add(event)
+                case EntityLost():
+                    self.remove(event.guid)
+                case ParticipantDiscovered():
+                    with self._change_lock:
+                        self.participants.setdefault(event.guid, KnownParticipant()).enclave = event.enclave
+                        self.version += 1
+                case NodesAnnounced():
+                    with self._change_lock:
+                        self.set_nodes(event.guid, event.nodes)
+                        self.participants[event.guid].is_humble = event.is_humble
 
     def add(self, endpoint: DiscoveredEndpoint) -> None:
         """Add an endpoint, or replace its data."""
         with self._change_lock:
             self.endpoints[endpoint.guid] = endpoint
             self._by_topic_key.setdefault(endpoint.topic_key, {})[endpoint.guid] = endpoint
-            self.version += 1
+            self._count_change(endpoint.topic_key)
 
     def remove(self, guid: bytes) -> None:
-        """Remove an endpoint, if it is known."""
+        """Remove an endpoint or a participant, if it is known."""
         with self._change_lock:
             endpoint = self.endpoints.pop(guid, None)
             if endpoint is not None:
@@ -46,24 +92,54 @@ class EndpointIndex:
                 others.pop(guid, None)
                 if not others:  # else the name of each topic that ever existed would be retained
                     self._by_topic_key.pop(endpoint.topic_key, None)
+                self._count_change(endpoint.topic_key)
+            elif self.participants.pop(guid, None) is not None:
                 self.version += 1
+
+    def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
+        """Replace all nodes of a participant."""
+        with self._change_lock:
+            self.participants.setdefault(participant_guid, KnownParticipant()).nodes = tuple(nodes)
+            self.version += 1
+
+    def _count_change(self, topic_key: TopicKey) -> None:
+        """Invalidate the caches of a topic. Lock: _change_lock must be held."""
+        self._changed_topics.add(topic_key)
+        self.version += 1
+        for cache in self._caches.get(topic_key, ()):
+            cache.invalidate()
+
+    def take_changed_topics(self) -> set[TopicKey]:
+        """Return the topics whose endpoints have changed since the last call."""
+        with self._change_lock:
+            changed, self._changed_topics = self._changed_topics, set()
+            return changed
+
+    def add_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> threading.RLock:
+        """Invalidate a cache with each change of these topics; return the lock that is held meanwhile."""
+        with self._change_lock:
+            for topic_key in topic_keys:
+                self._caches.setdefault(topic_key, []).append(cache)
+        return self._change_lock
+
+    def remove_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> None:
+        """Do not invalidate a cache any more; it may have been removed before."""
+        with self._change_lock:
+            for topic_key in topic_keys:
+                remaining = [one for one in self._caches.get(topic_key, ()) if one is not cache]
+                if remaining:
+                    self._caches[topic_key] = remaining
+                else:
+                    self._caches.pop(topic_key, None)
 
     def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
         """Return the discovered endpoints of a topic: the writers, or with ``writers=False`` the readers."""
         endpoints = list(self._by_topic_key.get(topic_key, {}).values())  # copied at once: another thread may add some
         return [endpoint for endpoint in endpoints if endpoint.is_writer is writers]
 
-
-class ServicePeers(EndpointIndex):
-    """Index of the discovered endpoints of clients and servers."""
-
-    def apply(self, events: Iterable[DiscoveryEvent]) -> None:
-        """Add or remove the endpoints of services that discovery events report."""
-        for event in events:
-            if isinstance(event, EntityLost):
-                self.remove(event.guid)
-            elif isinstance(event, DiscoveredEndpoint) and event.service_type is not None:
-                self.add(event)
+    def topic_keys(self) -> list[TopicKey]:
+        """Return the topics that have a discovered endpoint."""
+        return list(self._by_topic_key)
 
     def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
         """Return the endpoints with these GUIDs; GUIDs of undiscovered endpoints are skipped."""
@@ -71,34 +147,57 @@ class ServicePeers(EndpointIndex):
         return [endpoint for endpoint in found if endpoint is not None]
 
 
-class MatchCache(Generic[ResultT]):
-    """Cache of results of `check` by key, valid while the version of `endpoints` does not change.
+class MatchCache(dict[Hashable, ResultT]):
+    """Cache of results of `check` by key, until an endpoint of one of its topics appears, changes or disappears.
 
-    Only true results are cached: DDS does not report when discovered endpoints become matched, so a false result may be
+    ``cache[key]`` returns the stored result, which takes no call of Python, or else the result of a new check. Only
+    final results are stored: DDS does not report when discovered endpoints become matched, so another result may be
     outdated a moment later.
+
+    The index refers to the cache until `close`.
+
+    Args:
+        index: index of the participant.
+        topic_keys: topics on which the results depend.
+        check: returns the result for a key.
+        is_final: returns True for a result that no later match changes; by default for true results.
     """
 
-    def __init__(self, endpoints: EndpointIndex, check: Callable[[Hashable], ResultT]) -> None:
-        self._endpoints = endpoints
+    def __init__(
+        self,
+        index: EndpointIndex,
+        topic_keys: Iterable[TopicKey],
+        check: Callable[[Hashable], ResultT],
+        is_final: Callable[[ResultT], object] = bool,
+    ) -> None:
+        super().__init__()
+        self._index = index
+        self._topic_keys = tuple(topic_keys)
         self._check = check
-        self._cached: tuple[int, dict[Hashable, ResultT]] = -1, {}
-        """Version of the endpoints, and the true results by key for that version.
+        self._is_final = is_final
+        self.version = 0
+        """Number of changes of the topics, for results that are stored elsewhere."""
+        self._lock = index.add_cache(self, self._topic_keys)
 
-        A thread that is late stores its result into the dict of its own version.
-        """
-
-    def get(self, key: Hashable = None) -> ResultT:
-        """Return the cached result for `key`, or else the result of a new check."""
-        version, (cached_version, positive) = self._endpoints.version, self._cached
-        if version != cached_version:
-            positive = {}
-            self._cached = version, positive
-        result = positive.get(key)
-        if result is None:
-            result = self._check(key)
-            if result:
-                positive[key] = result
+    def __missing__(self, key: Hashable) -> ResultT:
+        version = self.version
+        result = self._check(key)
+        if self._is_final(result):
+            with self._lock:
+                if version == self.version:  # else the result of this thread may be older than the change
+                    if len(self) >= _MAX_RESULTS:
+                        self.clear()
+                    self[key] = result
         return result
+
+    def invalidate(self) -> None:
+        """Discard all results. Lock: that of the index must be held."""
+        self.version += 1
+        self.clear()
+
+    def close(self) -> None:
+        """Detach the cache from its index. May be called twice."""
+        self._index.remove_cache(self, self._topic_keys)
 
 
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:

@@ -34,7 +34,7 @@ from rosidl_py_gen.runtime.transport.api import (
 )
 from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity, embed_identity
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
-from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 from rosidl_py_gen.runtime.transport.matching import check_compatible, qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
 from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
@@ -95,7 +95,7 @@ class MemoryParticipant:
         self.counter = transport._counter
         self.writers: dict[bytes, MemoryWriter] = {}
         self.readers: dict[bytes, MemoryReader] = {}
-        self.service_peers = ServicePeers()
+        self.endpoint_index = EndpointIndex()
         self.nodes: tuple[NodeEntities, ...] = ()
         self.closed = False
         self._ready_sinks: ReadyItems[Sink] = ReadyItems(has_pipe=False)
@@ -178,7 +178,7 @@ class MemoryParticipant:
                 events, self._events = self._events, []
             sink = self._discovery_sink  # another thread may close the participant
             if events and sink is not None:
-                self.service_peers.apply(events)
+                self.endpoint_index.apply(events)
                 sink(events)
 
     def _report_to_all(self, event: DiscoveryEvent) -> None:

@@ -16,6 +16,13 @@ from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 
+def service_topic_keys(name: str, qos: QoSProfile) -> tuple[TopicKey, TopicKey]:
+    """Return the topic of a service's requests and the topic of its replies."""
+    if qos.avoid_ros_namespace_conventions:
+        return TopicKey("unmangled", f"{name}Request"), TopicKey("unmangled", f"{name}Reply")
+    return TopicKey("request", name), TopicKey("reply", name)
+
+
 @dataclass(frozen=True, slots=True)
 class ServiceSpec:
     """Name, type, hashes and QoS of a service, from which a transport creates a client or server.
@@ -41,9 +48,7 @@ class ServiceSpec:
     @property
     def topic_keys(self) -> tuple[TopicKey, TopicKey]:
         """Topic of the requests and topic of the replies."""
-        if self.qos.avoid_ros_namespace_conventions:
-            return TopicKey("unmangled", f"{self.name}Request"), TopicKey("unmangled", f"{self.name}Reply")
-        return TopicKey("request", self.name), TopicKey("reply", self.name)
+        return service_topic_keys(self.name, self.qos)
 
     @property
     def endpoints(self) -> tuple[EndpointSpec, EndpointSpec]:
@@ -82,11 +87,13 @@ class ServerAvailability:
         is_available: a server is matched in both directions.
         request_queue_depth: this participant's share of the smallest request queue of the servers; 0 if unlimited.
         incompatible_server: a server that cannot be used, if no server can be used.
+        is_complete: all discovered endpoints of servers are matched, so only another endpoint changes the availability.
     """
 
     is_available: bool = False
     request_queue_depth: int = 0
     incompatible_server: IncompatiblePeer | None = None
+    is_complete: bool = True
 
     def __bool__(self) -> bool:
         return self.is_available

@@ -21,8 +21,8 @@ from support.markdown_pages import PAGES, blocks, prose, rows
 import rosidl_py_gen
 from rosidl_py_gen import bags, numpy, runtime, tf
 from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.base.python_packages import REPOSITORIES, install_command_of
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
-from rosidl_py_gen.ros_cli.launch.service import ORIGINS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -93,11 +93,12 @@ def test_every_extra_is_on_the_install_page() -> None:
     assert missing == ["test-without-dds"]
 
 
-def test_howto_launch_page_installs_packages_named_by_launch_error() -> None:
-    (block,) = [one.text for one in blocks(ROOT / "docs/howto/launch.md") if "github.com/ros2/launch" in one.text]
-    base = dict(re.findall(r"^(\w)=(\S+)$", block, re.MULTILINE))
-    urls = re.findall(r'"(\S+#subdirectory=\w+)"', re.sub(r"\$(\w)", lambda found: base[found[1]], block))
-    assert sorted(urls) == sorted(f"git+https://github.com/ros2/{at}#subdirectory={one}" for one, at in ORIGINS.items())
+def test_howto_launch_page_has_command_of_launch_error_and_names_all_packages() -> None:
+    page = ROOT / "docs/howto/launch.md"
+    commands = [one.text.strip() for one in blocks(page) if "--install" in one.text]
+    assert commands[0] == install_command_of("launch")
+    (cell,) = [row[1] for row in rows(page) if row[0] == "Packages"]
+    assert set(re.findall(r"\w+_\w+|launch", cell)) == {name for names in REPOSITORIES.values() for name in names}
 
 
 def stored(tree: ast.AST) -> Iterator[str]:
@@ -121,7 +122,7 @@ def test_visible_code_uses_names_of_visible_code_only(page: Path) -> None:
     built_in = {*dir(builtins), "__file__", "__name__"}
     known = set(built_in)
     for block in blocks(page):
-        if block.language != "python" or block.hidden:
+        if block.language != "python":
             continue
         flags = ast.PyCF_ONLY_AST | ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
         tree: ast.Module = compile(block.text, str(page), "exec", flags)
@@ -135,7 +136,7 @@ def test_visible_code_uses_names_of_visible_code_only(page: Path) -> None:
 
 @pytest.mark.parametrize("page", TAUGHT, ids=page_id)
 def test_visible_code_reads_bags_that_visible_code_or_a_command_writes(page: Path) -> None:
-    shown = [block for block in blocks(page) if not block.hidden]
+    shown = blocks(page)
     written = {name for block in shown for name in re.findall(r"BagWriter\(\"([^\"]+)\"", block.text)}
     commands = "\n".join(block.text for block in shown if block.language == "sh")
     for block in shown:

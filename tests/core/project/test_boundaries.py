@@ -38,6 +38,7 @@ SHARED_IN_RUNTIME = {
     "_record",
     "_start_request",
     "_abandon_request",
+    "_available",
     "_servers",
     "_publish_without_waiting",
     "_deliver",

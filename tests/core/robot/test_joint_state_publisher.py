@@ -16,8 +16,10 @@ from support.worlds import World
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.robot import joint_state_publisher
 from rosidl_py_gen.robot.joint_state_publisher import JointStatePublisher
 from rosidl_py_gen.robot.node_program import ProgramError
+from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.runtime import Context, Durability, ParameterError, QoSProfile, Time
 
 JointState: Any = get_message("sensor_msgs/msg/JointState")
@@ -162,7 +164,7 @@ async def test_source_topics_set_the_values_of_joints(memory: World, caplog: Any
     state = await rig.state()
     assert state["lift"] == (2.5, 0, 0) and state["turn"] == (0, 3, 4) and math.isnan(state["bend"][0])
     assert state["first"] == (-2.5, 0, 0)
-    assert "message of a source: position ignored, which has 1 values for 2 names" in caplog.text
+    assert "message of a source: position ignored, which has 1 value for 2 names" in caplog.text
 
 
 async def test_joints_move_between_their_limits_or_rotate_continuously(memory: World) -> None:
@@ -203,6 +205,17 @@ async def test_wrong_parameters_of_joint_state_publisher_are_refused(
     with pytest.raises((ProgramError, ParameterError)) as caught:
         Rig(memory, robot_description=CHAIN, **parameters)
     assert error in str(caught.value)
+
+
+async def test_joint_state_publisher_gui_runs_without_window_after_a_note(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    (program,) = executables.of_bundled("joint_state_publisher_gui").values()
+    assert (program.module, program.function) == (joint_state_publisher.__name__, "main_without_window")
+    context = Context(transport=memory.transport, args=["test"])
+    memory.contexts.append(context)
+    assert joint_state_publisher.create_without_window(context=context).node.name == "joint_state_publisher"
+    assert "has no window with sliders; running joint_state_publisher instead" in caplog.text
 
 
 @pytest.mark.slow

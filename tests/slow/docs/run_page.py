@@ -1,14 +1,12 @@
-"""Run all code of one page, in order: python run_page.py PAGE.md, in an empty folder.
+"""Do what a page shows, in order and in an empty folder: python run_page.py PAGE.md.
 
-A block with a title is a file. A Python block of a tab "Blocking" or "rclpy" is a program of its own, in a process,
-until the page ends. Other Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
-background, so that a server of one block answers the client of the next. Shell blocks run what they say to
-``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
-before it prints; behind a shell block it makes the examples named there, and commands that go on `_ENDLESS`, run
-until the last one has printed it; then they end by themselves or by Ctrl-C.
-
-With PAGE_TRANSPORT=memory nodes and commands of the page meet in this process, on a loop on which waiting takes no
-time; only what `rosidl-py run` runs is a process of its own.
+- A block with the title of a file is written to this file; another block has to use it.
+- Shell blocks are typed into bash, except the lines in `support.page_commands`. ``# ends with 1`` is the exit code.
+- A line with ``# leave it running`` runs until the page ends. A line with ``# until Ctrl-C`` is interrupted when it has
+  printed the text block below, or after a second.
+- A Python block that calls `run`, `spin` or blocking methods is a program, which may run until the page ends.
+- Other Python blocks are cells of one notebook: they share names and an event loop, which runs while commands do.
+- A text block is what the block before it prints first. ``…`` stands for anything, alone on a line for any lines.
 """
 
 from __future__ import annotations
@@ -19,38 +17,72 @@ import contextlib
 import importlib
 import inspect
 import io
-import itertools
 import os
 import re
-import shlex
 import signal
 import sys
 import types
 from pathlib import Path
 from socket import gethostname
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from support.folders import ROOT
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the folder of `support`
+
 from support.markdown_pages import Block, blocks
+from support.page_commands import reason_not_to_type, typed
 
-import rosidl_py_gen.runtime as runtime
-from rosidl_py_gen.ros_cli.topic import statistics
-from rosidl_py_gen.runtime import MemoryTransport
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
-from rosidl_py_gen.runtime.node import context as node_context
+TIMEOUT_S = float(os.environ.get("PAGE_TIMEOUT_S", "30"))
+_UNTIL_CTRL_C, _LEAVE_RUNNING = "# until Ctrl-C", "# leave it running"
+_PROGRAM = re.compile(r"^(?:run|spin)\(|_sync\(|LoopRunner\(|install_import_hook\(", re.MULTILINE)
+_TABS = {"asyncio": "python", "Blocking": "python", "rclpy": "rosidl-py run"}
+_STATE = Path("..", "shell_state")
+"""Variables and folder of the terminal, from block to block."""
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
 
-_COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.generator_cli"), "rosidl-py": ("-m", "rosidl_py_gen.ros_cli")}
-_ENDLESS = "# until Ctrl-C"
-_RUNNERS = {"Blocking": (), "rclpy": (*_COMMANDS["rosidl-py"], "run")}
-"""Arguments of Python before the program of a block, by the title of its tab."""
-TIMEOUT_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
+def _is_program(block: Block) -> bool:
+    try:
+        compile(block.text, "block", "exec")
+    except SyntaxError:  # `await` outside of functions
+        return False
+    return block.tab in _TABS or _PROGRAM.search(block.text) is not None
 
 
 class PageError(Exception):
     """The page is wrong, or its code is."""
+
+
+class Started:
+    """Process of the page with its output so far."""
+
+    def __init__(self, block: Block, process: asyncio.subprocess.Process) -> None:
+        self.block = block
+        self.process = process
+        self.output = io.StringIO()
+        self.reader = asyncio.ensure_future(self._read())
+
+    async def _read(self) -> None:
+        assert self.process.stdout is not None
+        async for line in self.process.stdout:
+            self.output.write(line.decode())
+
+    async def interrupt(self) -> None:
+        """End the process as Ctrl-C does; raises if it ended in another way."""
+        if self.process.returncode is not None:
+            return await self.end()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGINT)
+        await self.end((0, 1, 130, -signal.SIGINT))  # 1: a command that waited in vain
+        if "Traceback" in (printed := self.output.getvalue()) and "KeyboardInterrupt" not in printed:
+            raise PageError(f"printed {printed[-2000:]}")
+
+    async def end(self, codes: tuple[int, ...] = (0,)) -> None:
+        """Wait for the end of the process; raises if it ends with another code."""
+        try:
+            await asyncio.wait_for(asyncio.gather(self.process.wait(), self.reader), TIMEOUT_S)
+        except asyncio.TimeoutError:
+            raise PageError(f"still running after {TIMEOUT_S} s, printed {self.output.getvalue()[-2000:]}") from None
+        if self.process.returncode not in codes:
+            raise PageError(f"ended with {self.process.returncode}, printed {self.output.getvalue()[-2000:]}")
 
 
 class Page:
@@ -58,178 +90,145 @@ class Page:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.module = types.ModuleType("page")
-        sys.modules["page"] = self.module
-        self.programs: list[asyncio.Future[Any]] = []
-        self.processes: list[tuple[asyncio.subprocess.Process, asyncio.Future[None], Block]] = []
+        self.cells = types.ModuleType("page")
+        self.started: list[Started] = []
         self.output = io.StringIO()
-        self.world: Any = None
-        """For pages in memory."""
-        runtime.run = self.run  # type: ignore[assignment]
-        runtime.spin = lambda *nodes: None
+        """Output of the last block."""
+        sys.modules["page"] = self.cells
 
-    def run(self, main: Callable[[], Coroutine[Any, Any, Any]]) -> None:
-        self.programs.append(asyncio.ensure_future(main()))
-
-    async def run_all(self) -> None:
+    async def run(self) -> None:
         """Run the page; raises what went wrong."""
         found = blocks(self.path)
-        for block, following in itertools.pairwise([*found, None]):
-            try:
-                await self.run_block(block)
-                if block.language == "sh" and following and following.language == "text" and not following.title:
-                    await self.run_examples(block.text, following.text.splitlines())
-                for program in self.programs:
-                    if program.done():
-                        program.result()
-            except Exception as error:
-                reason = error if isinstance(error, PageError) else repr(error)
-                raise PageError(f"{self.path.name}:{block.line}: {reason}") from error
-        for process, reader, block in self.processes:
-            ended = asyncio.ensure_future(process.wait())  # its output ends earlier
-            await asyncio.wait([ended], timeout=5)  # a program that spins goes on
-            with contextlib.suppress(ProcessLookupError):
-                process.send_signal(signal.SIGINT)
-            await asyncio.wait_for(asyncio.gather(process.wait(), reader), TIMEOUT_S)
-            if process.returncode not in (0, -signal.SIGINT):
-                raise PageError(f"{self.path.name}:{block.line}: the program ended with {process.returncode}")
-        for program in self.programs:
-            program.cancel()
-        results = await asyncio.gather(*self.programs, return_exceptions=True)
-        for result in results:
-            if isinstance(result, Exception):
-                raise PageError(f"{self.path.name}: {result!r}") from result
+        try:
+            for block, below in zip(found, [*found[1:], None], strict=True):
+                expected = below.text if below and below.language == "text" and not below.title else ""
+                with self._place(block):
+                    await self._run_block(block, expected, found)
+            if self.started:  # some are programs that end
+                await asyncio.wait([one.reader for one in self.started], timeout=2)
+            for one in reversed(self.started):
+                with self._place(one.block):
+                    await one.interrupt()
+                    if one.block.language == "python" and "print(" in one.block.text and not one.output.getvalue():
+                        raise PageError("the program printed nothing")
+        finally:
+            for one in self.started:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(one.process.pid, signal.SIGKILL)
 
-    async def run_block(self, block: Block) -> None:
-        """Do what the language and the title say."""
-        if block.title:
-            await self.write(block)
-        elif block.language == "python":
-            if not block.hidden:
-                self.output = io.StringIO()
-            if block.tab in _RUNNERS:
-                await self.start(block)
-            else:
-                await self.execute(block)
+    @contextlib.contextmanager
+    def _place(self, block: Block) -> Any:
+        try:
+            yield
+        except Exception as error:
+            reason = error if isinstance(error, PageError) else repr(error)
+            raise PageError(f"{self.path.name}:{block.line}: {reason}") from error
+
+    async def _run_block(self, block: Block, expected: str, found: list[Block]) -> None:
+        if block.title and " " not in block.title and "." in block.title:
+            self._write(block, found)
         elif block.language == "sh":
-            self.output = io.StringIO()
-            for line in block.text.replace("\\\n", "").splitlines():
-                await self.shell(line)
-        elif block.language == "text":
-            await self.expect(block.text.splitlines())
-        else:
-            raise PageError(f"nobody knows how to test {block.language!r}")
+            await self._type(block, expected)
+        elif block.language == "python":
+            await (self._start_program(block) if _is_program(block) else self._run_cell(block))
+        elif block.language != "text" or block.title:
+            return
+        if expected:
+            await self._expect(expected.splitlines())
 
-    async def execute(self, block: Block) -> None:
-        """Run Python code that may await; line numbers are those of the page."""
-        source = "\n" * (block.line - 1) + block.text
-        code = compile(source, str(self.path), "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
-        with contextlib.redirect_stdout(Tee(self)):
-            result = eval(code, self.module.__dict__)
-            if inspect.iscoroutine(result):
-                await asyncio.wait_for(result, TIMEOUT_S)
-            await asyncio.sleep(0)  # programs begin
-
-    async def start(self, block: Block) -> None:
-        """Run a block as a program beside the page's own."""
-        path = Path(f"program_{block.line}.py")
-        path.write_text(block.text, encoding="utf-8")
-        command = [sys.executable, *_RUNNERS[block.tab], str(path)]
-        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-        process = await asyncio.create_subprocess_exec(*command, env=environment, stdout=asyncio.subprocess.PIPE)
-        self.processes.append((process, asyncio.ensure_future(self.read(process)), block))
-
-    async def write(self, block: Block) -> None:
-        """Make the file; tests are run, modules imported."""
+    def _write(self, block: Block, found: list[Block]) -> None:
         path = Path(block.title)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(block.text, encoding="utf-8")
-        if path.name.startswith("test_"):
-            await self.command([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", block.title])
-        elif path.suffix == ".py":
+        if path.suffix == ".py":
             compile(block.text, block.title, "exec")
+            others = "\n".join(one.text for one in found if one is not block)
+            if not path.stem.endswith("_test") and not re.search(rf"\b{path.stem}\b", others):
+                raise PageError(f"no other block uses {path.name}")
 
-    async def shell(self, line: str) -> None:
-        """Run our commands; check that the names in them exist."""
-        words = [os.path.expanduser(word) for word in shlex.split(line, comments=True)]
-        for word in words:
-            if re.match(r"(examples|bench|tests|docs)/", word) and not (ROOT / word).exists():
-                raise PageError(f"{word} does not exist")
-        if not words or line.endswith(_ENDLESS):
+    async def _type(self, block: Block, expected: str) -> None:
+        group: list[str] = []
+        self.output = io.StringIO()
+        for line in block.text.replace("\\\n", "").splitlines():
+            words, _, code = line.partition("# ends with ")
+            command = typed(words.strip())
+            if reason_not_to_type(command, block.text):
+                continue
+            if _LEAVE_RUNNING in line or _UNTIL_CTRL_C in line:
+                await self._run_group(group)
+                group = []
+                await self._leave_running(block, command, expected, interrupt=_UNTIL_CTRL_C in line)
+            else:
+                group.append(f"code=0; {{ {command}\n}} || code=$?; [ $code = {code} ]" if code else command)
+        await self._run_group(group)
+
+    async def _run_group(self, lines: list[str]) -> None:
+        if any(line.strip() for line in lines):
+            self.output = io.StringIO()
+            script = "\n".join(["set -e", *lines, f"{{ export -p; echo cd $PWD; }} > {_STATE.resolve()}"])
+            done = Started(Block("sh", "", "", 0), await self._bash(script))
+            try:
+                await done.end()
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(done.process.pid, signal.SIGKILL)
+            self.output.write(done.output.getvalue())
+            importlib.invalidate_caches()  # it may have made packages
+
+    async def _leave_running(self, block: Block, command: str, expected: str, interrupt: bool) -> None:
+        one = Started(block, await self._bash(f"exec {command}"))
+        self.started.append(one)
+        self.output = one.output
+        if not interrupt:
             return
-        if words[0] in _COMMANDS or (words[0] == "python" and Path(words[1]).is_file()):
-            program = [sys.executable, *_COMMANDS.get(words[0], ())]
-            await self.command([*program, *words[1:]], ends_with=int(line.endswith("# ends with 1")))
-
-    async def command(self, command: list[str], ends_with: int = 0) -> None:
-        """Run a program to its end, while the page's own programs go on."""
-        process: Any
-        if self.world is None or command[1:4] == [*_COMMANDS["rosidl-py"], "run"]:
-            process = await asyncio.create_subprocess_exec(
-                *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
-            )
-            output, _ = await asyncio.wait_for(process.communicate(), TIMEOUT_S)
+        if expected:
+            await self._expect(expected.splitlines())
         else:
-            assert command[1:3] == [*_COMMANDS["rosidl-py"]], f"{command} needs a process"
-            import pytest
-            from support import in_process_commands
+            await asyncio.sleep(1)
+        self.started.remove(one)
+        await one.interrupt()
 
-            process = in_process_commands.start(self.world, pytest.MonkeyPatch(), tuple(command[3:]), "")
-            output = b"".join(await asyncio.wait_for(process.communicate(), TIMEOUT_S))
-        self.output.write(output.decode())
-        importlib.invalidate_caches()  # it may have made packages
-        if process.returncode != ends_with:
-            raise PageError(f"{shlex.join(command)} ended with {process.returncode}: {output.decode()}")
+    async def _bash(self, script: str) -> asyncio.subprocess.Process:
+        state = f". {_STATE.resolve()}\n" if _STATE.exists() else ""
+        return await asyncio.create_subprocess_exec(
+            *("bash", "-c", state + script),
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            start_new_session=True,
+        )
 
-    async def run_examples(self, text: str, lines: list[str]) -> None:
-        """Start the examples that a shell block names, until the last one has printed these lines."""
-        found = re.findall(rf"^python examples/.*|^rosidl-py .*{_ENDLESS}$", text, re.MULTILINE)
-        commands = [shlex.split(line, comments=True) for line in found]
-        started = []
-        for command in commands:
-            output = asyncio.subprocess.PIPE if command is commands[-1] else asyncio.subprocess.DEVNULL
-            known = _COMMANDS.get(command[0])
-            program = [sys.executable, *(known or [str(ROOT / command[1])]), *command[1 if known else 2 :]]
-            started.append(await asyncio.create_subprocess_exec(*program, stdout=output))
-        if not started:
-            return
-        reader = asyncio.ensure_future(self.read(started[-1]))
-        try:
-            await self.expect(lines)
-            await asyncio.wait([reader], timeout=1)
-        finally:
-            for process in started:
-                with contextlib.suppress(ProcessLookupError):  # process.send_signal may take its return code away
-                    if process.returncode is None:
-                        os.kill(process.pid, signal.SIGINT)
-            await asyncio.wait_for(asyncio.gather(reader, *(process.wait() for process in started)), TIMEOUT_S)
-        if ended := [end for process in started if (end := process.returncode) not in (0, -signal.SIGINT)]:
-            raise PageError(f"an example ended with {ended[0]}")
+    async def _start_program(self, block: Block) -> None:
+        path = Path(f"program_{block.line}.py")
+        path.write_text(block.text, encoding="utf-8")
+        without_packages = "PYTHONPATH= " if "import_hook(" in block.text else ""
+        one = Started(block, await self._bash(f"{without_packages}exec {_TABS.get(block.tab, 'python')} {path}"))
+        self.started.append(one)
+        self.output = one.output
 
-    async def read(self, process: asyncio.subprocess.Process) -> None:
-        """Its output is the block's."""
-        assert process.stdout is not None
-        output = self.output
-        async for line in process.stdout:
-            output.write(line.decode())
+    async def _run_cell(self, block: Block) -> None:
+        self.output = io.StringIO()
+        source = "\n" * (block.line - 1) + block.text
+        code = compile(source, str(self.path), "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
+        result = eval(code, self.cells.__dict__)
+        if inspect.iscoroutine(result):
+            await asyncio.wait_for(result, TIMEOUT_S)
 
-    async def expect(self, lines: list[str]) -> None:
-        """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines.
-
-        Spaces and tabs at the end of lines do not count. In addresses, pages call this machine ``robot``.
-        """
+    async def _expect(self, lines: list[str]) -> None:
+        """Wait for lines. Spaces at their ends do not count. In addresses, pages call this machine ``robot``."""
         lines = [line.replace("//robot:", f"//{gethostname()}:") for line in lines]
         patterns = [re.escape(line).replace("…", ".*") + "[ \\t]*\n" if line != "…" else "(?:.*\n)*?" for line in lines]
-        pattern = "".join(patterns)
-        for _ in range(int(TIMEOUT_S / 0.02)):
-            if re.match(pattern, self.output.getvalue()):
-                return
+        running = self.started[-1] if self.started and self.started[-1].output is self.output else None
+        end = asyncio.get_running_loop().time() + (TIMEOUT_S if running else 5)
+        while not re.match("".join(patterns), self.output.getvalue()):
+            if asyncio.get_running_loop().time() > end or (running and running.reader.done()):
+                raise PageError(f"expected {lines}, printed {self.output.getvalue()!r:.3000}")
             await asyncio.sleep(0.02)
-        raise PageError(f"expected {lines}, printed {self.output.getvalue()!r:.1000}")
 
 
 class Tee(io.TextIOBase):
-    """Output of the current block, also for programs that continue."""
+    """Output of the cells, which is the current block's."""
 
     def __init__(self, page: Page) -> None:
         self.page = page
@@ -239,19 +238,11 @@ class Tee(io.TextIOBase):
 
 
 async def main(page: Page) -> None:
-    """Run it."""
-    sys.path[:0] = [os.getcwd(), str(Path("generated").resolve())]
+    """Run it with a stand-in for the output."""
+    sys.path.insert(0, os.getcwd())
     with contextlib.redirect_stdout(Tee(page)):
-        await page.run_all()
+        await page.run()
 
 
 if __name__ == "__main__":
-    the_page = Page(Path(sys.argv.pop(1)).resolve())
-    if os.environ.get("PAGE_TRANSPORT") == "memory":
-        loop = VirtualTimeLoop(limit_s=100)
-        the_page.world = types.SimpleNamespace(transport=MemoryTransport(loop.clocks), contexts=[])
-        statistics.time_ns = loop.clocks.system_ns
-        node_context.resolve_transport = lambda *_: the_page.world.transport  # type: ignore[assignment]
-        loop.run(main(the_page))
-    else:
-        asyncio.run(main(the_page))
+    asyncio.run(main(Page(Path(sys.argv.pop(1)).resolve())))

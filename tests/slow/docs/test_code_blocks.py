@@ -1,4 +1,4 @@
-"""All code of README.md and docs/ runs and prints the output on the page."""
+"""Every block of README.md and docs/ runs as printed, and prints the output on the page."""
 
 from __future__ import annotations
 
@@ -11,29 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from support.docs_pictures import update_picture
 from support.folders import ROOT
 from support.machine_locks import lock
 from support.markdown_pages import PAGES, blocks
+from support.page_commands import REASONS, reason_not_to_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    RunPage = Callable[..., subprocess.CompletedProcess[str]]
+    RunPage = Callable[[Path], subprocess.CompletedProcess[str]]
 
-WITH_CODE = [page for page in PAGES if blocks(page)]
-OF_NETWORKS = {
-    *("README", "diagnose", "from-rclpy", "launch", "network", "no-messages", "scripts-notebooks-guis", "zenoh"),
-}
-
-
-def transport_of(page: Path) -> str:
-    """Memory, unless the page starts processes, is about the network or runs whole programs."""
-    found = [block for block in blocks(page) if not block.title]
-    lines = [line for block in found if block.language == "sh" for line in block.text.splitlines() if line.strip()]
-    starts_others = any(re.match(r"python |rosidl-py-gen|.*# until Ctrl-C", line) for line in lines)
-    is_test = any(Path(block.title).name.startswith("test_") for block in blocks(page))
-    are_programs = any(block.tab in ("Blocking", "rclpy") for block in found)
-    return "" if starts_others or is_test or are_programs or page.stem in OF_NETWORKS else "memory"
+WITH_CODE = [page for page in PAGES if blocks(page) and page.parent.name != "internals"]
 
 
 @contextlib.contextmanager
@@ -50,11 +39,12 @@ def ports_of(page: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
-def test_code_of_each_page_runs(page: Path, run_page: RunPage, request: pytest.FixtureRequest) -> None:
-    everywhere = request.config.getoption("--all-transports")
+def test_page_runs_as_printed(page: Path, run_page: RunPage, tmp_path: Path) -> None:
     with ports_of(page):
-        done = run_page(page, "" if everywhere else transport_of(page))
+        done = run_page(page)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    if page.stem == "read-a-recording":
+        update_picture("drive.png", (tmp_path / "home/drive.png").read_bytes())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -70,27 +60,23 @@ def test_shell_blocks_can_be_parsed(page: Path) -> None:
     [
         ("```python\n1 / 0\n```", "ZeroDivisionError"),
         ("```python\nprint(1)\n```\n\n```text\n2\n```", "expected ['2'], printed '1\\n'"),
-        ("```python\nasync def main():\n    raise KeyError\n\n\nrun(main)\n```", "KeyError"),
-        ("```sh\nrosidl-py-gen --filter no_such_package --out generated\n```", "no_such_package"),
-        ("```sh\npython examples/no_such_example.py\n```", "no_such_example"),
-        (
-            "```sh\npython examples/service_chain.py\n```\n\n```text\nnever ready\n```",
-            "expected ['never ready'], printed",
-        ),
-        ('```python title="test_one.py"\ndef test_one():\n    assert False\n```', "test_one.py ended with 1"),
-        ("<!-- test\nassert False\n-->", "AssertionError"),
-        (
-            '=== "Blocking"\n\n    ```python\n    1 / 0\n    ```\n\n```sh\npython examples/messages.py\n```',
-            "ended with 1",
-        ),
+        ("```sh\nexit 3\n```", "ended with 3"),
+        ("```sh\ntrue  # ends with 1\n```", "ended with"),
+        ("```sh\necho one  # leave it running\n```\n\n```text\ntwo\n```", "expected ['two'], printed 'one"),
+        ("```sh\nls nothing  # leave it running\n```", "ended with 2"),
+        ('```python title="one.py"\nprint(1)\n```', "no other block uses one.py"),
+        ('=== "Blocking"\n\n    ```python\n    1 / 0\n    ```', "ZeroDivisionError"),
+        ('=== "Blocking"\n\n    ```python\n    if 0: print(1)\n    ```', "the program printed nothing"),
     ],
 )
-def test_page_with_invalid_code_or_output_fails(
-    text: str, error: str, run_page: RunPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_page_with_invalid_code_or_output_fails(text: str, error: str, run_page: RunPage, tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("<!-- test\nfrom rosidl_py_gen.runtime import run\n-->\n\n" + text + "\n", encoding="utf-8")
-    if "never ready" in text:
-        monkeypatch.setenv("PAGE_PATIENCE_S", "5")  # which pass
-    done = run_page(page, transport_of(page))
+    page.write_text(text + "\n", encoding="utf-8")
+    done = run_page(page)
     assert done.returncode == 1 and error in done.stderr, done.stderr
+
+
+def test_every_line_that_is_not_typed_is_on_a_page() -> None:
+    shown = [(line, block.text) for page in WITH_CODE for block in blocks(page) for line in block.text.splitlines()]
+    used = {reason_not_to_type(line, text) for line, text in shown} - {""}
+    assert used == set(REASONS)

@@ -21,7 +21,7 @@ from support.worlds import World
 from rosidl_py_gen.runtime import SENSOR_DATA
 
 README = ROOT / "README.md"
-SHOWN = [block for block in blocks(README) if not block.hidden]
+SHOWN = blocks(README)
 PROGRAMS = [
     (one, following_block)
     for one, following_block in itertools.pairwise([*SHOWN, None])

@@ -98,11 +98,11 @@ def test_definition_errors_have_line_and_caret_and_no_files_are_written(shell: S
     answer = shell("--path", str(folder), "--filter", "a_msgs")
     assert (answer.code, answer.out, shell.written()) == (1, "", before)
     assert answer.err.splitlines() == [
-        'src/a_msgs/msg/Bad.msg:2:9: "Wrong" is not a field name; expected lower case letters, digits and single '
-        "underscores, a letter first, no underscore last",
+        'error: src/a_msgs/msg/Bad.msg:2:9: "Wrong" is not a field name; expected lower case letters, digits and '
+        "single underscores, a letter first, no underscore last",
         "    float64 Wrong 3",
         "            ^",
-        'src/a_msgs/msg/Worse.msg:1:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
+        'error: src/a_msgs/msg/Worse.msg:1:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
         "    std_msgs/Heder header",
         "    ^",
         "2 problems; nothing was written (--keep-going generates the valid interfaces)",
@@ -144,10 +144,10 @@ def test_invalid_names_and_paths_are_reported_without_traceback(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("--nonsense",), "No such option"),
-        (("interface",), "Missing argument"),
+        (("--nonsense",), "error: rosidl-py-gen: no option --nonsense\nhint: expected `rosidl-py-gen "),
+        (("interface",), "error: rosidl-py-gen interface: missing NAME\n"),
         (("std_msgs",), "--filter std_msgs"),
-        (("--path",), "requires an argument"),
+        (("--path",), "error: --path requires an argument\n"),
         (("--out", "x", "interface", "std_msgs/msg/String"), "--out has no meaning for the command interface"),
         (("--check", "interface", "std_msgs/msg/String"), "--check has no meaning for the command interface"),
         (("--list", "interface", "std_msgs/msg/String"), "--list has no meaning for the command interface"),

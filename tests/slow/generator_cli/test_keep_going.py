@@ -26,14 +26,14 @@ def source(shell: Shell) -> None:
 
 ARGUMENTS = ("--path", "src", "--filter", "a_msgs:b_msgs", "--out", "out")
 PROBLEMS = [
-    'src/a_msgs/msg/Uses.msg:3:1: a_msgs/msg/Uses needs a_msgs/msg/Wrong, which has problems',
+    'error: src/a_msgs/msg/Uses.msg:3:1: a_msgs/msg/Uses needs a_msgs/msg/Wrong, which has problems',
     "    Wrong[] all",
     "    ^",
-    'src/a_msgs/msg/Wrong.msg:2:9: "Bad" is not a field name; expected lower case letters, digits and single '
+    'error: src/a_msgs/msg/Wrong.msg:2:9: "Bad" is not a field name; expected lower case letters, digits and single '
     "underscores, a letter first, no underscore last",
     "    float64 Bad 3",
     "            ^",
-    "src/b_msgs/srv/Ask.srv:3:1: b_msgs/srv/Ask needs a_msgs/msg/Wrong, which has problems",
+    "error: src/b_msgs/srv/Ask.srv:3:1: b_msgs/srv/Ask needs a_msgs/msg/Wrong, which has problems",
     "    a_msgs/Uses answer",
     "    ^",
 ]  # fmt: skip
@@ -92,7 +92,7 @@ def test_unknown_filter_name_is_reported_and_its_generated_package_is_kept(shell
     answer = shell("--path", "src", "--filter", "a_msgs/msg/Right1:c_msgs", "--out", "out", "--keep-going")
     assert (answer.code, answer.err.splitlines()[0]) == (
         1,
-        'c_msgs: no package; did you mean "b_msgs"? (searched: src, bundled)',
+        'error: c_msgs: no package; did you mean "b_msgs"? (searched: src, bundled)',
     )
     assert Path("out/a_msgs/msg/_right1.py").exists()
     assert Path("out/c_msgs/msg/_c.py").exists()
@@ -129,7 +129,7 @@ def test_missing_listed_file_does_not_block_other_interfaces(shell: Shell) -> No
     answer = shell("--path", "more", "--filter", "c_msgs", "--out", "out", "--keep-going")
     assert (answer.code, Path("out/c_msgs/msg/_c.py").exists()) == (1, True)
     problem = answer.err.splitlines()[0]
-    assert problem.startswith('more/c_msgs/CMakeLists.txt:1:45: "msg/Missing.msg" is listed here')
+    assert problem.startswith('error: more/c_msgs/CMakeLists.txt:1:45: "msg/Missing.msg" is listed here')
     assert shell("check", "--path", "more", "c_msgs").err.splitlines()[0] == problem
 
 

@@ -117,7 +117,7 @@ def test_uv_of_free_threaded_python_is_one_line_error_naming_pip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wheel = this_wheel()
-    monkeypatch.setattr(libddsc, "find_installer", lambda: Installer("uv", (), (), ()))
+    monkeypatch.setattr(libddsc, "find_installer", lambda: Installer("uv", (), (), (), ()))
     monkeypatch.setattr("sysconfig.get_config_var", lambda name: name == "Py_GIL_DISABLED")
     with pytest.raises(OutputError, match=r"^libddsc: uv selects only wheels .*`uv pip install pip`, then ") as error:
         libddsc.fetch(wheel, tmp_path)

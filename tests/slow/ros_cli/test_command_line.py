@@ -55,8 +55,10 @@ def test_command_of_ros2_that_does_not_exist_has_a_hint(
 ) -> None:
     with pytest.raises(SystemExit) as end:
         ros_cli.main([name])
-    *_, error = capsys.readouterr().err.splitlines()
-    assert end.value.code == 2 and error.startswith(f'error: no command "{name}"; {hint}')
+    error, advice = capsys.readouterr().err.splitlines()
+    assert (
+        end.value.code == 2 and error == f'error: rosidl-py: no command "{name}"' and advice.startswith(f"hint: {hint}")
+    )
 
 
 def test_completion_of_a_field_before_the_topic_has_no_suggestions() -> None:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from support.folders import TESTS
+from support.folders import ROOT, TESTS
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, started
 
@@ -246,7 +248,8 @@ ERRORS = {
     ("src/robot/twice.launch",): "src/robot/twice.launch: missing executable talkr of robot; did you mean ",
     ("robot", "include.launch.py"): "src/robot/xml.launch:3: missing executable talkr of robot; did you mean ",
     ("robot", "missing.launch.py"): f"{LAUNCH_DIR}/missing.launch.py:11: missing package gazebo_ros; {CURE}",
-    ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; {CURE}",
+    ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; "
+    "nav2_common is in https://github.com/ros-navigation/navigation2: rosidl-py launch --install nav2_common, or ",
     (
         "robot",
         "messages.launch.py",
@@ -265,7 +268,7 @@ ERRORS = {
     "and AMENT_PREFIX_PATH",
     ("nowhere/x.launch.py",): "nowhere/x.launch.py: expected a launch file, no such file",
     ("src/robot/launch/",): "src/robot/launch/: expected a launch file, it is a folder",
-    ("robot", "robot.launch.py", "name=x"): 'error: expected NAME:=VALUE, found "name=x"',
+    ("robot", "robot.launch.py", "name=x"): 'error: rosidl-py launch: expected NAME:=VALUE, found "name=x"\n',
     ("robot", "robot.launch.py", "--launch-prefix-filter", "x"): "--launch-prefix-filter requires --launch-prefix",
 }
 
@@ -274,7 +277,7 @@ ERRORS = {
 def test_launch_errors_name_location_and_fix(workspace: Path, words: tuple[str, ...]) -> None:
     done = _launch(workspace, *words)
     assert ERRORS[words] in done.stderr
-    assert done.returncode == (2 if "Usage:" in done.stderr else 1)
+    assert done.returncode == (2 if "hint: expected `rosidl-py launch " in done.stderr else 1)
     assert "Traceback" not in done.stderr
 
 
@@ -373,16 +376,45 @@ def test_launch_file_is_selected_by_package_or_path_with_its_arguments(workspace
     assert "launch-prefix" not in done.stderr
 
 
-def test_missing_launch_package_error_contains_pip_commands(workspace: Path) -> None:
-    done = _launch(workspace, "robot", "robot.launch.py", stub=False)
+@pytest.mark.parametrize("distro", [(), ("--distro", "humble")])
+def test_missing_launch_package_error_has_command_that_installs_it(workspace: Path, distro: tuple[str, ...]) -> None:
+    done = _launch(workspace, "robot", "robot.launch.py", *distro, stub=False)
     assert done.returncode == 1
-    assert "the package launch of ROS is neither installed nor below --path; run: pip install " in done.stderr
-    for part in ("launch@jazzy#subdirectory=launch'", "launch_ros@jazzy#subdirectory=launch_ros'", "[launch]"):
-        assert part in done.stderr
-    assert "pip install --no-deps 'git+https://github.com/ros2/launch@" in done.stderr
+    command = " ".join(("rosidl-py launch --install", *distro))
+    assert done.stderr == f"error: the package launch of ROS is neither installed nor below --path; run: {command}\n"
+
+
+def test_launch_file_runs_with_packages_that_the_command_has_installed(workspace: Path, tmp_path: Path) -> None:
+    """pip installs the stub of launch, and packages launch_xml and launch_yaml, into a new environment."""
+    clones = tmp_path / "clones"
+    for name in ("launch", "launch_ros", "launch_xml", "launch_yaml"):
+        setup = f"from setuptools import setup\nsetup(name='{name}', packages=['{name}'])\n"
+        if (STUB / name).is_dir():
+            shutil.copytree(STUB / name, clones / name)
+        else:
+            write(clones / name, {"setup.py": setup, f"{name}/__init__.py": ""})
+        (clones / name / "package.xml").write_text(f"<package><name>{name}</name><version>1.0.0</version></package>")
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
+    python = [str(tmp_path / "venv/bin/python"), "-m", "rosidl_py_gen.ros_cli", "launch"]
+    path = os.pathsep.join((str(ROOT), sysconfig.get_path("purelib"), str(STUB / "osrf_pycommon")))
+    done = started(*python, "--install", "--launch-from", str(clones), cwd=workspace, PYTHONPATH=path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [
+        "launch",
+        "launch_xml",
+        "launch_yaml",
+        "launch_ros",
+    ]
+    origins = sorted((tmp_path / "venv/share/rosidl_py_gen/origins").iterdir())
+    assert [one.stem for one in origins] == ["launch", "launch_ros", "launch_xml", "launch_yaml"]
+    done = started(*python, "robot", "plain.launch.py", "--print-description", cwd=workspace, PYTHONPATH=path)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_another_package_with_the_name_launch_is_reported(workspace: Path, tmp_path: Path) -> None:
     (tmp_path / "launch.py").write_text("")
-    done = started(*LAUNCH, "robot", "robot.launch.py", cwd=workspace, PYTHONPATH=str(tmp_path))
-    assert f"{tmp_path / 'launch.py'} is another package with the name launch; run: pip install" in done.stderr
+    done = started(*LAUNCH, "robot", "robot.launch.py", cwd=workspace, PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    assert (
+        f"{tmp_path / 'launch.py'} is another package with the name launch; run: rosidl-py launch --install"
+        in done.stderr
+    )

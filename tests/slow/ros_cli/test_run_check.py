@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import textwrap
 from pathlib import Path
 
@@ -170,6 +171,56 @@ def test_folder_without_init_is_read_as_a_namespace_package(tmp_path: Path, line
     expected = {"from .sub.mod": "missing_two", "from .sub.deep": "missing_three", "import talker": "missing_three"}
     for start, name in expected.items():
         assert (name in found.stdout) or not line.startswith(start)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no prefix, in which programs find these modules")
+def test_modules_that_packages_install_from_elsewhere_are_found_and_checked(tmp_path: Path) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/CMakeLists.txt": """
+            ament_python_install_package(parts PACKAGE_DIR python/odd)
+            install(PROGRAMS scripts/talk.py DESTINATION lib/${PROJECT_NAME})
+        """,
+        "src/talker/python/odd/__init__.py": "",
+        "src/talker/python/odd/inner.py": "from .near import X\nimport missing_one",
+        "src/talker/python/odd/near.py": "X = 1",
+        "src/talker/scripts/talk.py": "import rclpy\nfrom parts.inner import X\nimport odd_tools\nimport missing_two",
+        "src/all_tools/package.xml": PACKAGE_XML.format("all_tools"),
+        "src/all_tools/setup.py": "setup(py_modules=['odd_tools'], package_dir={'': 'lib'})",
+        "src/all_tools/lib/odd_tools.py": "import missing_three",
+    }
+    write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+    *lines, last = run("--check", "talker", "talk.py", cwd=tmp_path).stdout.splitlines()
+    assert lines == [
+        "src/all_tools/lib/odd_tools.py:1: no package missing_three; it is not installed",
+        "src/talker/python/odd/inner.py:2: no package missing_one; it is not installed",
+        "src/talker/scripts/talk.py:4: no package missing_two; it is not installed",
+    ]
+    assert last == "3 missing in 4 files"
+
+
+def test_missing_modules_of_workspace_packages_are_reported(tmp_path: Path) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/talk.py": """
+            from .one import main
+            from .built import X
+            import talker.parts.more
+            try:
+                from .perhaps import X
+            except ImportError:
+                X = None
+        """,
+        "src/talker/talker/one.py": "def main(): pass",
+    }
+    write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+    *lines, _ = run("--check", "talker", "talk", cwd=tmp_path).stdout.splitlines()
+    assert lines == [
+        "src/talker/talker/talk.py:3: no module talker.built in src/talker/talker",
+        "src/talker/talker/talk.py:4: no module talker.parts.more in src/talker/talker",
+    ]
 
 
 def test_missing_module_of_console_script_is_an_error(tmp_path: Path) -> None:

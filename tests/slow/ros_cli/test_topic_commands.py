@@ -117,7 +117,7 @@ async def test_topic_pub_runs_until_interrupted(node: Node, tool: Any) -> None:
     reading = await tool.start("topic", "pub", "/words", "-")
     await until(lambda: len(node.get_publishers_info_by_topic("/words")) == 2, 25)
     assert [(await take(words))["data"] for _ in range(3)] == ["again"] * 3
-    assert await waiting.stderr.readline() == b"Waiting for at least 1 matching subscription(s) on /other...\n"
+    assert await waiting.stderr.readline() == b"Waiting for at least 1 matching subscription on /other...\n"
     for process in (endless, waiting, reading):
         process.send_signal(signal.SIGINT)
     ends = await asyncio.gather(*map(tool.end, (endless, waiting, reading)))

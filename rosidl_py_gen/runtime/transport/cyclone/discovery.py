@@ -251,8 +251,12 @@ class BuiltinTopicReaders:
             if count <= capacity:
                 break
             capacity = count
-        guids = (self.endpoint_guid(entity, handle, is_writer=is_writer) for handle in handles[: max(0, count)])
-        return [guid for guid in guids if guid is not None]
+        known, find = self.guids.get, self.endpoint_guid
+        return [
+            guid
+            for handle in handles[: max(0, count)]
+            if (guid := known(handle) or find(entity, handle, is_writer=is_writer)) is not None
+        ]
 
     def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
         """Return the GUID of the endpoint that has a local handle and is matched with `entity`; None if it is unknown.

@@ -60,7 +60,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import BUFFER_SUFFIX, participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
-from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effective
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
@@ -136,7 +136,7 @@ class CycloneParticipant:
     def __init__(self, settings: DomainSettings, enclave: str) -> None:
         self.api = _api
         self.fast_dds = _fast_dds
-        self.service_peers = ServicePeers()
+        self.endpoint_index = EndpointIndex()
         self._entity_numbers = itertools.count(1)
         self._discovery_info: DiscoveryInfoTopic | None = None
         self._ros_distro = settings.ros_distro
@@ -402,15 +402,18 @@ class CycloneParticipant:
                     _api.delete(self._topics.pop(oldest)[0])
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        def apply(events: list[DiscoveryEvent]) -> None:
+            self.endpoint_index.apply(events)
+            sink(events)
+
         lock = self.discovery.report_lock
-        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro, lock)
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, apply, self._ros_distro, lock)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)
             self._follow_buffers(events)
             if self._security is not None:
                 self._schedule_endpoint_check(events)
-            self.service_peers.apply(events)
             discovery_info.forward_events(events)
 
         self.discovery.sink = on_events

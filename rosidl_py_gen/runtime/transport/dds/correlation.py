@@ -129,9 +129,10 @@ def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
     Raises:
         DecodeError: the data is too short for a header.
     """
-    identity = extract_identity(data)
-    if identity is not None:
-        return *identity, HEADER_BYTES + IDENTITY_BYTES
+    if data[2:4] == _IDENTITY_OPTIONS:  # before the call, which most messages need not
+        identity = extract_identity(data)
+        if identity is not None:
+            return *identity, HEADER_BYTES + IDENTITY_BYTES
     begin = HEADER_BYTES + SERVICE_HEADER_BYTES
     if len(data) < begin:
         raise DecodeError("service header", len(data), f"expected at least {begin} bytes, found {len(data)}")

@@ -14,7 +14,15 @@ from typing import Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, Participant, Payload, Reader, Writer
+from rosidl_py_gen.runtime.transport.api import (
+    DiscoveredEndpoint,
+    EndpointSpec,
+    Participant,
+    Payload,
+    Reader,
+    TopicKey,
+    Writer,
+)
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
     ClientId,
@@ -29,7 +37,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     uses_sample_identity,
 )
 from rosidl_py_gen.runtime.transport.dds.names import entity_id
-from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, ServicePeers
+from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
@@ -58,8 +66,6 @@ class ServiceWriter(Writer, Protocol):
 class ServiceParticipant(Participant, Protocol):
     """Interface of a participant that can create the reader and writer of a `DdsClient` or `DdsServer`."""
 
-    service_peers: ServicePeers
-
     def service_refusal(self, service: ServiceSpec) -> str | None:
         """Return the reason why Fast DDS servers of a service cannot be used; None if they can be used."""
 
@@ -82,14 +88,16 @@ class _EndpointPair:
         self, participant: ServiceParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
         self._participant = participant
-        self._peers = participant.service_peers
+        self._index = participant.endpoint_index
         self._service = service
-        self._requests, self._replies = service.topic_keys
+        self._topic_keys = self._requests, self._replies = service.topic_keys
         self._gid = gid
         self.is_introspected = False
         self.endpoints = reader.guid, writer.guid
         self._reader = reader
         self._writer = writer
+        self._senders: MatchCache[bytes | None] = MatchCache(self._index, self._topic_keys, self._find_sender)
+        """GUID of the writer of received samples, by its local handle."""
         self.connected = reader.matched_writers
         self.all_acknowledged = writer.all_acknowledged
         self.set_sink = reader.set_sink
@@ -98,6 +106,18 @@ class _EndpointPair:
     def gid(self) -> bytes:
         """16 bytes that identify the client or server in ROS."""
         return self._gid
+
+    def _close_caches(self, *caches: MatchCache[Any]) -> None:
+        for cache in (self._senders, *caches):
+            cache.close()
+
+    def _find_sender(self, handle: Any) -> bytes | None:
+        return self._reader.writer_guid(handle)
+
+    def _endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
+        """Return the discovered endpoints of clients and servers on a topic; endpoints of other types are skipped."""
+        endpoints = self._index.endpoints_on(topic_key, writers=writers)
+        return [endpoint for endpoint in endpoints if endpoint.service_type is not None]
 
 
 class DdsClient(_EndpointPair):
@@ -109,17 +129,19 @@ class DdsClient(_EndpointPair):
         with _closed_on_failure(reader):
             writer = participant.create_writer(replace(request, client_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
-        self._servers_version = -1
-        """Version of the discovered peers at which `servers` was called; -1: the next request calls it again."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
         self._in_flight: dict[int, frozenset[bytes]] = {}
         """Requests without a reply: GUIDs of the servers' endpoints that existed when the request was sent, by number
         of the request."""
         self._lost: deque[int] = deque()
-        self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
-        """Cached availability of servers, by the reason why Fast DDS servers cannot be used."""
-        self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(self._peers, self._find_server_endpoints)
+        cache = self._index, self._topic_keys
+        self._servers: MatchCache[ServerAvailability] = MatchCache(
+            *cache, self._find_servers, lambda servers: servers.is_available and servers.is_complete
+        )
+        """Availability of servers, by the reason why Fast DDS servers cannot be used."""
+        self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(*cache, self._find_server_endpoints)
+        """GUIDs of all endpoints of servers, for the key None."""
 
     @property
     def gid(self) -> bytes:
@@ -130,7 +152,7 @@ class DdsClient(_EndpointPair):
         return self.endpoints[0] if self._correlation.uses_sample_identity else self._gid
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        if self._servers_version != self._peers.version:
+        if not self._servers:  # since then the discovered endpoints have changed, or a server was not matched
             self.servers()
         number = self._sent + 1
         message, identity = self._correlation.request(data, number, always_identified=self.is_introspected)
@@ -144,7 +166,7 @@ class DdsClient(_EndpointPair):
         if not is_sent:
             return None
         self._sent = number
-        self._in_flight[number] = self.server_endpoints()
+        self._in_flight[number] = self._server_endpoints[None]
         return number
 
     def cancel(self, number: int) -> None:
@@ -157,7 +179,7 @@ class DdsClient(_EndpointPair):
                 data, _, handle, _, _ = items.popleft()
             except IndexError:  # another thread was faster
                 break
-            server = self._reader.writer_guid(handle)
+            server = self._senders[handle]
             try:
                 reply = self._correlation.reply(data, server)
             except DecodeError as err:
@@ -176,33 +198,35 @@ class DdsClient(_EndpointPair):
         self._lost.extend(lost)
 
     def servers(self) -> ServerAvailability:
-        return self._servers.get(self._participant.service_refusal(self._service))
+        return self._servers[self._participant.service_refusal(self._service)]
 
     def server_endpoints(self) -> frozenset[bytes]:
-        return self._server_endpoints.get()
+        return self._server_endpoints[None]
 
     def _find_server_endpoints(self, _: object) -> frozenset[bytes]:
-        on = self._peers.endpoints_on
+        on = self._endpoints_on
         endpoints = *on(self._requests, writers=False), *on(self._replies, writers=True)
         return frozenset(endpoint.guid for endpoint in endpoints)
 
     def _find_servers(self, refusal: Any) -> ServerAvailability:
-        peers = self._peers
-        version = peers.version
         matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
-        announced, clients = (peers.endpoints_on(self._requests, writers=writers) for writers in (False, True))
-        pairs = peers.known(matched), peers.known(matched_writers)
+        announced, clients = (self._endpoints_on(self._requests, writers=writers) for writers in (False, True))
+        pairs = self._index.known(matched), self._index.known(matched_writers)
         servers, needs_identity = find_servers(*pairs, announced, clients, refusal, self._service.is_compatible)
         readers = {*matched, *(reader.guid for reader in announced)}
         self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
-        self._servers_version = version if servers.is_available else -1
         unusable = servers.incompatible_server
         if unusable is not None and self._participant.services_unavailable_reason is None:
             # Because of the rules of a secured domain.
             servers = replace(servers, incompatible_server=unusable._replace(has_topics=False))
-        return servers
+        known_writers = (writer.guid for writer in self._endpoints_on(self._replies, writers=True))
+        if readers <= {*matched} and {*known_writers} <= {*matched_writers}:
+            return servers
+        # Cyclone matches an endpoint some time after its discovery. A server on Fast DDS changes the form of requests.
+        return replace(servers, is_complete=False)
 
     def close(self) -> None:
+        self._close_caches(self._servers, self._server_endpoints)
         self._writer.close()
         self._reader.close()
 
@@ -216,10 +240,11 @@ class DdsServer(_EndpointPair):
         with _closed_on_failure(writer):
             reader = participant.create_reader(replace(request, service_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
-        self._reachable_clients: MatchCache[bool] = MatchCache(self._peers, self._is_reachable)
-        """Cached results of `can_reach_client`, by client and the GUID of the client's request writer."""
+        self._reachable_clients: MatchCache[bool] = MatchCache(self._index, self._topic_keys, self._is_reachable)
+        """Results of `can_reach_client`, by client and the GUID of the client's request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._window_version = -1
+        """Version of `_reachable_clients` for which `_window` was set up."""
 
     def take(self) -> Request | None:
         items = self._reader.queue.items
@@ -229,7 +254,7 @@ class DdsServer(_EndpointPair):
             data, source_ns, handle, received_ns, _ = items.popleft()
         except IndexError:  # another thread was faster
             return None
-        writer = self._reader.writer_guid(handle)
+        writer = self._senders[handle]
         if writer is not None and uses_sample_identity(writer) and extract_identity(data) is None:
             reason = self._participant.services_unavailable_reason or ""
             return None, IncompatiblePeer(writer, reason), writer, source_ns, received_ns
@@ -237,45 +262,46 @@ class DdsServer(_EndpointPair):
             client, number, begin = parse_request_header(data)
         except DecodeError as err:
             return None, err, writer, source_ns, received_ns
-        if self._is_limited():
+        if self._window_version != self._reachable_clients.version:
+            self._update_window()
+        if self._window.limit > 0:
             self._window.on_request(client)
         return (client, number, writer, handle), strip_request_header(data, begin), writer, source_ns, received_ns
 
     def send(self, to: _RequestOrigin, data: bytes) -> bool:
         client, number, _, _ = to
-        if not self._is_limited():
-            return self._write(data, client, number)
-        is_sent = self._window.is_open(client) and self._write(data, client, number)
-        if is_sent:
-            self._window.on_sent(client)
+        if self._window_version != self._reachable_clients.version:
+            self._update_window()
+        window = self._window if self._window.limit > 0 else None
+        if window is not None and not window.is_open(client):
+            return False
+        if isinstance(client, bytes):
+            is_sent = self._writer.write(data, (client, number))
+        else:
+            is_sent = self._writer.write(add_request_header(data, client, number))
+        if is_sent and window is not None:
+            window.on_sent(client)
         return is_sent
 
-    def _is_limited(self) -> bool:
-        peers = self._peers
-        if peers.version != self._window_version:
-            self._window_version = peers.version
-            readers = peers.endpoints_on(self._replies, writers=False)
-            # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
-            self._window.set_readers(
-                SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers
-            )
-        return self._window.limit > 0
-
-    def _write(self, data: bytes, client: ClientId, number: int) -> bool:
-        if isinstance(client, bytes):
-            return self._writer.write(data, (client, number))
-        return self._writer.write(add_request_header(data, client, number))
+    def _update_window(self) -> None:
+        """Set the limit of the window by the reply readers of the discovered clients."""
+        self._window_version = self._reachable_clients.version
+        readers = self._endpoints_on(self._replies, writers=False)
+        # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
+        self._window.set_readers(
+            SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers
+        )
 
     def release(self) -> None:
         self._window.release()
 
     def can_reach_client(self, to: _RequestOrigin) -> bool:
         client, _, guid, _ = to
-        return self._reachable_clients.get((client, guid))
+        return self._reachable_clients[client, guid]
 
     def _is_reachable(self, key: Any) -> bool:
         client, guid = key
-        find = self._peers.endpoints.get
+        find = self._index.endpoints.get
         writer = None if guid is None else find(guid)
         return is_reply_reader_matched(client, writer, self._writer.matched_readers, find)
 
@@ -284,6 +310,7 @@ class DdsServer(_EndpointPair):
         return client_gid(client, handle), number
 
     def close(self) -> None:
+        self._close_caches(self._reachable_clients)
         self._reader.close()
         self._writer.close()
 

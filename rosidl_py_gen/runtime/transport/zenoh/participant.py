@@ -89,7 +89,7 @@ class ZenohParticipant:
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._report_lock = threading.RLock()
         """Lock that is held until the sink has applied the events: without a running loop, several threads report."""
-        self.graph = TokenGraph(self._zid, enclave)
+        self.graph = self.endpoint_index = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
         self._listener = self._liveliness.declare_subscriber(
             tokens_of(domain_id), zenoh_handler(self._on_token), history=True

@@ -90,14 +90,15 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._answered: deque[int] = deque()
         """Queries that one server has answered and that further servers may still answer."""
         self._servers_version = -1
-        """Version of the graph for which the cached data about servers in the following attributes was computed."""
+        """Version of `_is_reachable` of which the following three were computed."""
         self._servers = ServerAvailability()
         self._server_endpoints: frozenset[bytes] = frozenset()
         self._writer_by_session: dict[bytes, bytes] = {}
-        self._is_reachable: MatchCache[bool] = MatchCache(owner.graph, self._has_reachable_server)
-        """Cached result of the check whether a server is reachable, because a check in Zenoh takes 40 us."""
         self._default_timeout_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
         super().__init__(owner, infos, key)
+        topic_keys = (info.topic_key for info in infos)
+        self._is_reachable: MatchCache[bool] = MatchCache(owner.graph, topic_keys, self._has_reachable_server)
+        """True for None if a server is reachable. A check in Zenoh takes 40 us."""
 
     def _declare(self, key: str) -> Any:
         self._querier: Any = self._owner.session.declare_querier(
@@ -113,7 +114,7 @@ class ZenohClient(_ZenohServiceEndpoint):
             raise ClosedError(f"the client of {self.info.topic_key.name} is closed")
         # Not by a listener: Zenoh calls it in the thread that undeclaring an advanced publisher waits for, up to ten
         # seconds with the GIL.
-        if not self._is_reachable.get():
+        if not self._is_reachable[None]:
             return None
         number = self._sent + 1
         query = self._in_flight[number] = _InFlightQuery(self, number)
@@ -182,7 +183,7 @@ class ZenohClient(_ZenohServiceEndpoint):
     def _refresh_servers(self) -> None:
         graph = self._owner.graph
         graph.read()
-        version = graph.version
+        version = self._is_reachable.version
         if version == self._servers_version:
             return
         readers, writers = graph.connected(self._writer_info), graph.connected(self.info)
@@ -206,6 +207,7 @@ class ZenohClient(_ZenohServiceEndpoint):
     def close(self) -> None:
         for number in list(self._in_flight):  # undeclaring would end them while Zenoh's session is locked
             self._cancel(number)
+        self._is_reachable.close()
         super().close()
 
     def detach_after_fork(self) -> None:

@@ -97,7 +97,13 @@ class TokenGraph(EndpointIndex):
         self._sessions: dict[str, dict[int, _Node]] = {}
         """Nodes of peers by session id and node number."""
         self._tokens: dict[str, Infos] = {}
-        self._events: list[DiscoveryEvent] = [ParticipantDiscovered(participant_guid(own_zid), enclave)]
+        self._events: list[DiscoveryEvent] = []
+        self._apply(ParticipantDiscovered(participant_guid(own_zid), enclave))
+
+    def _apply(self, *events: DiscoveryEvent) -> None:
+        """Apply events now, and queue them for the discovery sink. Lock: _lock must be held."""
+        self.apply(events)
+        self._events += events
 
     def on_token(self, exists: bool, token: str) -> None:
         """Record that a token appeared or disappeared; `read` applies it later."""
@@ -106,16 +112,12 @@ class TokenGraph(EndpointIndex):
     def add_endpoints(self, endpoints: Infos) -> None:
         """Add endpoints of this participant's session, or of a peer's token, and queue their discovery events."""
         with self._lock:
-            for endpoint in endpoints:
-                self.add(endpoint)
-            self._events += endpoints
+            self._apply(*endpoints)
 
     def remove_endpoints(self, endpoints: Infos) -> None:
         """Remove endpoints of this participant's session, or of a peer's token, and queue their discovery events."""
         with self._lock:
-            for endpoint in endpoints:
-                self.remove(endpoint.guid)
-                self._events.append(EntityLost(endpoint.guid))
+            self._apply(*(EntityLost(endpoint.guid) for endpoint in endpoints))
 
     def read(self) -> None:
         """Apply all tokens that `on_token` has recorded."""
@@ -140,7 +142,7 @@ class TokenGraph(EndpointIndex):
         nodes = self._sessions.get(owner.zid)
         if nodes is None:
             nodes = self._sessions[owner.zid] = {}
-            self._events.append(ParticipantDiscovered(participant_guid(owner.zid), owner.enclave))
+            self._apply(ParticipantDiscovered(participant_guid(owner.zid), owner.enclave))
         node = nodes.setdefault(owner.node_id, _Node(owner))
         if isinstance(token, NodeToken):
             node.tokens.add(text)
@@ -172,13 +174,13 @@ class TokenGraph(EndpointIndex):
             del nodes[number]
         if not nodes:
             del self._sessions[zid]
-            self._events.append(EntityLost(guid))
+            self._apply(EntityLost(guid))
             return
         entities = tuple(
             NodeEntities(node.token.namespace, node.token.name, frozenset(node.readers), frozenset(node.writers))
             for node in nodes.values()
         )
-        self._events.append(NodesAnnounced(guid, entities))
+        self._apply(NodesAnnounced(guid, entities))
 
     def events(self) -> list[DiscoveryEvent]:
         """Return and clear the discovery events that were not returned before."""

@@ -113,6 +113,15 @@ def test_two_packages_of_one_name_in_one_search_path_entry_are_refused(tmp_path:
         only(tmp_path)
 
 
+def test_folder_given_twice_is_searched_once(tmp_path: Path) -> None:
+    write(tmp_path, {"a_msgs/msg/Point.msg": "float64 x", "b_msgs/msg/Point.msg": "float64 x"})
+    package = tmp_path / "a_msgs"
+    (tmp_path / "link").symlink_to(package)
+    for folders in ([package, package], [package, tmp_path], [package, tmp_path / "link"], [tmp_path, f"{tmp_path}/"]):
+        found = scan_search_path(folders, ament="", bundled=False)
+        assert found.packages["a_msgs"].folder.samefile(package) and found.hidden == [], folders
+
+
 def test_search_for_packages_ends_in_loops_of_symbolic_links(tmp_path: Path) -> None:
     write(tmp_path, POINT)
     (tmp_path / "loop").symlink_to(tmp_path)

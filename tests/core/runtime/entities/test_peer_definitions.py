@@ -315,7 +315,7 @@ async def test_new_definition_published_by_humble_node_is_dropped(memory: World)
     await publisher.wait_for_subscribers(10)
     await until(lambda: subscription.publisher_count == 1)
     for participant in reader._scope.graph.participants():
-        reader._scope.graph.apply(NodesAnnounced(participant.guid, (), is_humble=True))
+        reader._scope.participant.endpoint_index.apply([NodesAnnounced(participant.guid, (), is_humble=True)])
     publisher.publish(hashless(range=1.0, variance=9.0))
     with pytest.raises(WaitTimeoutError, match="announces no type hash, and it is of ROS 2 Humble"):
         await subscription.receive(timeout_s=0.5)
@@ -446,7 +446,7 @@ async def test_unlogged_drop_is_logged_when_context_closes(memory: World, caplog
     subscription, publisher = reader.create_subscription(Range, "t"), peer.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
     for participant in reader._scope.graph.participants():
-        reader._scope.graph.set_nodes(participant.guid, ())  # their names may arrive seconds later
+        reader._scope.participant.endpoint_index.set_nodes(participant.guid, ())  # their names may arrive seconds later
     publisher.publish_raw(HumbleRange(range=1.0).encode())
     await until(lambda: subscription.take() is None and subscription.incompatible_dropped == 1)
     assert "are dropped" not in caplog.text

@@ -11,6 +11,7 @@ import pytest
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph.graph import Graph
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TopicKey
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 
 TOPIC_KEY = TopicKey("topic", "/t")
 
@@ -36,7 +37,8 @@ class GrowingEndpoint:
     ],
 )
 def test_graph_can_be_read_while_another_thread_adds_endpoints(read: Callable[[Graph], int]) -> None:
-    graph = Graph()
+    index = EndpointIndex()
+    graph = Graph(index)
     numbers = iter(range(1, 100))
 
     def endpoint() -> DiscoveredEndpoint:
@@ -44,8 +46,8 @@ def test_graph_can_be_read_while_another_thread_adds_endpoints(read: Callable[[G
         return DiscoveredEndpoint(guid, bytes(16), True, TOPIC_KEY, "std_msgs/msg/String", QoSProfile())
 
     first = endpoint()
-    graph.apply(first)
-    growing: Any = GrowingEndpoint(first, lambda: graph.apply(endpoint()) and None)
-    graph.add(growing)
+    index.add(first)
+    growing: Any = GrowingEndpoint(first, lambda: index.add(endpoint()))
+    index.add(growing)
     assert read(graph) == 1
     assert len(graph.endpoints) > 1

@@ -17,6 +17,7 @@ from rosidl_py_gen.runtime.transport.api import (
 )
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.dds import names as ddsnames
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
@@ -121,24 +122,26 @@ def test_malformed_graph_messages_raise_decode_error(data: bytes) -> None:
 
 
 def test_node_of_endpoint_is_its_node_or_a_placeholder() -> None:
-    graph = Graph()
+    index = EndpointIndex()
+    graph = Graph(index)
     writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
-    graph.apply(writer)
+    index.apply([writer])
     assert graph.node_of(writer) == BARE_DDS_NODE
-    graph.apply(ParticipantDiscovered(GUID, "/"))
+    index.apply([ParticipantDiscovered(GUID, "/")])
     assert graph.node_of(writer) == UNKNOWN_NODE
     stale = PREFIX + b"\0\0\7\3"
-    graph.set_nodes(GUID, [NodeEntities("/ns", "n", frozenset(), frozenset([writer.guid, stale]))])
+    index.set_nodes(GUID, [NodeEntities("/ns", "n", frozenset(), frozenset([writer.guid, stale]))])
     assert graph.node_of(writer) == ("/ns", "n")
     assert graph.of_node("n", "/ns", writers=True) == [("/t", ["std_msgs/msg/String"])]
-    graph.apply(EntityLost(writer.guid))
+    index.apply([EntityLost(writer.guid)])
     assert graph.of_node("n", "/ns", writers=True) == []
-    graph.apply(EntityLost(GUID))
+    index.apply([EntityLost(GUID)])
     assert graph.nodes() == []
 
 
 def test_completeness_of_a_participant_does_not_depend_on_other_participants() -> None:
-    graph, other = Graph(), PREFIX[:-1] + b"\5\0\0\1\xc1"
+    index, other = EndpointIndex(), PREFIX[:-1] + b"\5\0\0\1\xc1"
+    graph = Graph(index)
     writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
     late = found(other[:12] + b"\0\0\7\3", other, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
 
@@ -147,11 +150,11 @@ def test_completeness_of_a_participant_does_not_depend_on_other_participants() -
 
     assert known(GUID) == (True, False)  # the participant itself is not known yet
     for one in (writer, ParticipantDiscovered(GUID, "/"), ParticipantDiscovered(other, "/")):
-        graph.apply(one)
+        index.apply([one])
     assert (known(GUID), known(other)) == ((False, True), (False, True))
-    graph.set_nodes(GUID, [NodeEntities("/", "n", frozenset(), frozenset([writer.guid]))])
-    graph.set_nodes(other, [NodeEntities("/", "o", frozenset(), frozenset([late.guid]))])
+    index.set_nodes(GUID, [NodeEntities("/", "n", frozenset(), frozenset([writer.guid]))])
+    index.set_nodes(other, [NodeEntities("/", "o", frozenset(), frozenset([late.guid]))])
     assert (known(GUID), known(other), known()) == ((True, True), (True, False), (True, False))
-    graph.set_nodes(other, [NodeEntities("/", "o", frozenset(), frozenset())])
-    graph.apply(late)
+    index.set_nodes(other, [NodeEntities("/", "o", frozenset(), frozenset())])
+    index.apply([late])
     assert (known(GUID), known(other), known()) == ((True, True), (False, True), (False, True))

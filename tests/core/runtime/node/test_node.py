@@ -399,7 +399,7 @@ async def test_contexts_of_different_domains_do_not_match_on_the_network() -> No
         near_subscription = near.create_subscription(String, "s")
         far_subscription = far.create_subscription(String, "s")
         assert await publisher.wait_for_subscribers(timeout_s=5)
-        with pytest.raises(WaitTimeoutError, match=r"^1 subscriptions on /s, expected at least 2, in 1 s$"):
+        with pytest.raises(WaitTimeoutError, match=r"^1 subscription on /s, expected at least 2, in 1 s$"):
             await publisher.wait_for_subscribers(timeout_s=1, count=2)
         publisher.publish(String(data="near"))
         assert await near_subscription.receive(timeout_s=5) == String(data="near")

@@ -1,0 +1,40 @@
+"""Table of Python packages of ROS that the package index lacks; ``rosidl-py launch --install`` installs them."""
+
+from __future__ import annotations
+
+from rosidl_py_gen.base.distributions import selected
+
+REPOSITORIES = {
+    "ros2/launch": ("launch", "launch_xml", "launch_yaml", "launch_testing", "launch_pytest"),
+    "ros2/launch_ros": ("launch_ros", "launch_testing_ros"),
+    "ros-navigation/navigation2": ("nav2_common", "nav2_simple_commander"),
+}
+"""Packages of each repository of GitHub; its branches have the names of the distributions."""
+LAUNCH_PACKAGES = ("launch", "launch_xml", "launch_yaml", "launch_ros")
+"""Packages that ``rosidl-py launch`` needs. The package index has another `launch`: docs/internals/protocol.md 15."""
+MESSAGES = {
+    "nav2_simple_commander": {
+        "ros-geographic-info/geographic_info": ("geographic_msgs",),
+        "ros-navigation/navigation2": ("nav2_msgs",),
+    }
+}
+"""Message packages, by repository, that a package imports and that are not bundled."""
+
+
+def repository_of(package: str) -> str:
+    """Return the repository of a package, such as ``ros2/launch``; "" for an unknown package."""
+    return next((repository for repository, packages in REPOSITORIES.items() if package in packages), "")
+
+
+def install_command_of(*packages: str) -> str:
+    """Return the command that installs packages of the table, for the selected distribution."""
+    choice = selected()
+    names = [name for name in packages if name not in LAUNCH_PACKAGES]
+    distro = ["--distro", choice.name] if choice.is_explicit else []
+    return " ".join(("rosidl-py launch --install", *names, *distro))
+
+
+def install_note(package: str) -> str:
+    """Return where a package of the table is, and the command that installs it; "" for an unknown package."""
+    repository = repository_of(package)
+    return repository and f"{package} is in https://github.com/{repository}: {install_command_of(package)}"
