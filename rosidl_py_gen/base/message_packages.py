@@ -45,7 +45,10 @@ def branch_of(package: str, distro: str) -> tuple[str, str]:
 
 
 def download_note(package: str, distro: str) -> str:
-    """Return where a well-known package is, and the commands to get and use it; "" for an unknown package."""
+    """Return a text about where a well-known package can be found, with the commands to get and use it.
+
+    Returns "" for an unknown package.
+    """
     row = package_rows().get(package)
     if row is None:
         return ""

@@ -37,7 +37,9 @@ def pluralize(number: int, noun: str) -> str:
 
 
 def print_next_step(*words: str) -> None:
-    """Print a command that users probably call next, after ``next:`` on standard error; only on a terminal."""
+    """Print a command that users probably call next, after the word ``next:`` on standard error, if that is
+    a terminal.
+    """
     if sys.stdout.isatty() and sys.stderr.isatty():
         print(printable_line(f"next: {' '.join(words)}"), file=sys.stderr, flush=True)
 

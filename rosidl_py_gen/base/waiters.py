@@ -12,7 +12,8 @@ T = TypeVar("T")
 
 
 current_loop: Callable[[], asyncio.AbstractEventLoop | None] = asyncio._get_running_loop
-"""Return the event loop that this thread runs; None if it runs none. A function in C, which is called very often."""
+"""Function that returns the event loop which this thread runs; None if it runs none. A C function, because it is called
+very often."""
 
 
 def set_result_if_pending(future: asyncio.Future[T], result: T) -> None:

@@ -93,7 +93,10 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
 
 
 def clone_origin(folder: Path) -> tuple[str, str]:
-    """Return the URL of the remote `origin`, without a password, and the commit of a clone; "" for what is unknown."""
+    """Return the URL of a clone's remote `origin`, without a password, and the commit of the clone.
+
+    A value that is unknown is "".
+    """
     found = []
     for arguments in (["config", "--get", "remote.origin.url"], ["rev-parse", "--verify", "--quiet", "HEAD"]):
         try:

@@ -192,12 +192,14 @@ def main() -> int:
 
 
 def main_without_window() -> int:
-    """Run the node for the executable joint_state_publisher_gui, as `main`; log a note that it has no window."""
+    """Run the node for the executable joint_state_publisher_gui like `main`; the node logs that it has no window."""
     return serve(NAME, create_without_window)
 
 
 def create_without_window(*, context: Context | None = None) -> JointStatePublisher:
-    """Return a `JointStatePublisher` that has logged why there is no window."""
+    """Return a `JointStatePublisher` node, which logs that this package has no window for the executable
+    joint_state_publisher_gui.
+    """
     publisher = JointStatePublisher(context=context)
     publisher.node.logger.info(
         "joint_state_publisher_gui: rosidl-py-gen has no window with sliders; running joint_state_publisher instead, "

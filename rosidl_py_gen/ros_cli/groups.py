@@ -122,7 +122,7 @@ _EXAMPLES = {
         "topic hz /scan",
     ),
 }
-"""Examples in the help of each group, without the name of the program."""
+"""Examples for the help of each command group, without the name of the program."""
 _HINTS = {
     "component": "components are shared libraries of C++, which this package does not load",
     "daemon": "there is no daemon, because each command discovers nodes",

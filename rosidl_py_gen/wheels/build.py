@@ -193,7 +193,7 @@ def _compatible_versions(version: str) -> str:
 
 
 def manifest_metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict[str, object]:
-    """Return the metadata of the wheel of a package, from its package.xml."""
+    """Return the metadata for the wheel of a package, made from the package's package.xml."""
     found: dict[str, object] = {
         "name": name,
         "version": manifest.version,

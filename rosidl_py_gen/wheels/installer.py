@@ -30,7 +30,7 @@ class Installer:
     _uninstall: tuple[str, ...]
     """Command line that uninstalls distributions; their names are appended."""
     _require: tuple[str, ...]
-    """Command line that installs requirements of the user's package index; the requirements are appended."""
+    """Command line that installs requirements from the user's package index; the requirements are appended."""
     _unpack: tuple[str, ...]
     """Command line that downloads wheels from the user's package index; `unpack` appends target and requirements."""
 
@@ -39,7 +39,10 @@ class Installer:
         self._run("install", *self._install, *map(str, wheels))
 
     def require(self, *requirements: str) -> None:
-        """Install requirements from the user's package index; raises `OutputError` with the output on failure."""
+        """Install requirements from the user's package index.
+
+        Raises `OutputError` with the output of pip or uv on failure.
+        """
         self._run("install", *self._require, *requirements)
 
     def uninstall(self, *distributions: str) -> None:

@@ -79,7 +79,9 @@ def start(
 
 
 def _require_packages(*names: str) -> None:
-    """Raise `CommandError` with the command that installs a package of ROS if it is missing or another of that name."""
+    """Raise `CommandError` with the command that installs a package of ROS, if it is missing or another package has its
+    name.
+    """
     for name in names:
         spec = find_spec(name)
         if spec is None or spec.origin is None:

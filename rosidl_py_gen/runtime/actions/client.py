@@ -239,7 +239,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         self._servers: MatchCache[bool] = MatchCache(
             scope.participant.endpoint_index, topic_keys, lambda _: not self._missing()
         )
-        """True for the key None if a server is matched."""
+        """Cache with one entry, for the key None: True if a server is matched."""
         scope.register(self)
 
     def server_is_available(self) -> bool:

@@ -63,9 +63,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         super().__init__(scope, service_type, name, qos, is_client=True, type_hash_check=type_hash_check)
         self._transport_client = self._open(scope.participant.create_client(self._spec))
         self._pending: dict[PendingRequest[ResponseT], Literal[True]] = {}
-        """Requests without a response, in the order of their creation; a dict, because `pop` is one operation."""
+        """Requests without a response, in the order of their creation. A dict, because its `pop` is one operation for
+        all threads."""
         self._by_sequence_number: dict[int, PendingRequest[ResponseT]] = {}
-        """Sequence number -> pending request, for the requests that were sent."""
+        """Pending requests that were sent, by sequence number."""
         self._timeouts: TimeoutTable[PendingRequest[ResponseT]] | None = None
         self._has_direct_callbacks = False
         """True once a request has a callback that may run code of the user; False while callbacks only complete asyncio
@@ -231,7 +232,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         on_reply: Callable[[ResponseT, bytes | None], object],
         on_error: Callable[[Exception], object],
     ) -> PendingRequest[ResponseT]:
-        """Send a request to the servers that are connected now; return it for `_abandon_request`. Thread: loop.
+        """Send a request to the servers that are connected now; return the request, for `_abandon_request`.
+
+        Thread: loop.
 
         Args:
             request: request message.
@@ -282,7 +285,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return True
 
     def _send(self, pending: PendingRequest[ResponseT]) -> bool:
-        """Write a request; return False if the servers are so far behind that the request must wait."""
+        """Write a request.
+
+        Returns False if the request must wait, because servers are slow to acknowledge earlier requests.
+        """
         if pending not in self._pending:
             return True
         try:

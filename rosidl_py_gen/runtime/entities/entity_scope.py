@@ -456,7 +456,10 @@ class EntityScope:
         return self.discovery.unmatched.why(guid, topic_key, is_writer=is_writer, matched=matched, ending=ending)
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-        """Run a coroutine as a task that the scope cancels when it closes, and references until the task ends."""
+        """Run a coroutine as a task that the scope cancels when it closes.
+
+        The scope refers to the task until the task ends.
+        """
         loop = asyncio.get_running_loop()
         if loop is not self.loop_binding.bound_loop:
             self.loop_binding.attach(loop)

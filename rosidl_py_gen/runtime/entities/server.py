@@ -203,7 +203,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             return None
 
     def _respond(self, origin: RequestId, response: ResponseT) -> bool:
-        """Send a response, perhaps later; return False if the server is closed."""
+        """Send a response, later if the transport is busy or the client is not reachable yet.
+
+        Returns False if the server is closed.
+        """
         if self._closed:
             return False
         data = self._type.response.encode(response)

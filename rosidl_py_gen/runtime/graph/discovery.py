@@ -1,4 +1,5 @@
-"""Discovery side of a context: announces own nodes, reports changes of the graph and incompatible endpoints.
+"""Discovery of the peers of a context: announces the context's own nodes, and reports changes of the graph and
+incompatible endpoints.
 
 The context's nodes are announced after every change; several changes in one loop iteration are announced together. The
 graph's data is in `graph.py`. How nodes are announced, and which endpoints are incompatible, depends on the transport.
@@ -181,7 +182,10 @@ class Discovery:
         return all(self.graph.endpoints.keys() >= node.reader_gids | node.writer_gids for node in nodes)
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
-        """Report incompatible endpoints and changed topics. The transport has applied the events to its index."""
+        """Report incompatible endpoints and topics with changes.
+
+        The transport has already applied the events to its index.
+        """
         topics = self._index.take_changed_topics()
         for event in events:
             if isinstance(event, EntityLost):
@@ -218,7 +222,8 @@ class Discovery:
                     yield Mismatch(info(writer), info(reader), result.mismatch_kind, result.reason)
 
     def _check_endpoint(self, new: DiscoveredEndpoint) -> None:
-        """Report a new or changed endpoint if it is incompatible with one of opposite direction and one is our own.
+        """Report a new or changed endpoint that is incompatible with an endpoint of opposite direction, if one of both
+        is the context's own.
 
         Each pair is reported once, after all received events were applied, because a function of the user may read the
         graph, and when the names of the nodes are known. With ``type_hash_check="off"``, a different definition is not

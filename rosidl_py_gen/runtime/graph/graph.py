@@ -1,4 +1,5 @@
-"""Graph of nodes, topics, services and endpoints: questions about the index that a transport writes.
+"""Graph of nodes, topics, services and endpoints, as queries of the index of discovered endpoints, which a transport
+writes.
 
 The graph combines discovered endpoints with the nodes that participants announce (docs/internals/protocol.md 6.3, 6.4).
 It contains no data, does no I/O and does not wait.
@@ -129,7 +130,7 @@ class ParticipantInfo:
 
 
 class Graph:
-    """Discovered participants, nodes and endpoints; may be read while another thread changes the index.
+    """Queries about discovered participants, nodes and endpoints; another thread may change the index at the same time.
 
     Args:
         index: index of the context's participant.
@@ -143,11 +144,11 @@ class Graph:
         self.endpoints = index.endpoints
         """Discovered endpoints by GUID."""
         self.endpoints_on = index.endpoints_on
-        """`EndpointIndex.endpoints_on`."""
+        """Function that returns the endpoints of a topic: `EndpointIndex.endpoints_on`."""
 
     @property
     def version(self) -> int:
-        """Number that is incremented after each change."""
+        """Number that is incremented after each change of the graph."""
         return self._index.version
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
@@ -187,7 +188,10 @@ class Graph:
         return None if participant is None else participant.is_humble
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
-        """Return the sorted names of all topics of one kind that have a writer, or with ``writers=False`` a reader."""
+        """Return the sorted names of all topics of one kind that have a writer.
+
+        With ``writers=False``, the topics have a reader.
+        """
         keys = [key for key in self._index.topic_keys() if key.kind == kind]
         return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 

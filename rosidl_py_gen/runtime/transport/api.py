@@ -376,7 +376,10 @@ class Participant(Protocol):
 
     @property
     def endpoint_index(self) -> EndpointIndex:
-        """Index of what was discovered; the discovery sink is called after the index was changed."""
+        """Index of the discovered endpoints and participants.
+
+        The discovery sink is called after the index was changed.
+        """
 
     @property
     def middleware(self) -> str:

@@ -97,7 +97,7 @@ class _EndpointPair:
         self._reader = reader
         self._writer = writer
         self._senders: MatchCache[bytes | None] = MatchCache(self._index, self._topic_keys, self._find_sender)
-        """GUID of the writer of received samples, by its local handle."""
+        """GUIDs of the writers of received samples, by local handle of the writer."""
         self.connected = reader.matched_writers
         self.all_acknowledged = writer.all_acknowledged
         self.set_sink = reader.set_sink
@@ -139,9 +139,9 @@ class DdsClient(_EndpointPair):
         self._servers: MatchCache[ServerAvailability] = MatchCache(
             *cache, self._find_servers, lambda servers: servers.is_available and servers.is_complete
         )
-        """Availability of servers, by the reason why Fast DDS servers cannot be used."""
+        """Cache of the availability of servers, by the reason why Fast DDS servers cannot be used."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(*cache, self._find_server_endpoints)
-        """GUIDs of all endpoints of servers, for the key None."""
+        """Cache with one entry, for the key None: the GUIDs of all endpoints of servers."""
 
     @property
     def gid(self) -> bytes:
@@ -241,10 +241,10 @@ class DdsServer(_EndpointPair):
             reader = participant.create_reader(replace(request, service_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
         self._reachable_clients: MatchCache[bool] = MatchCache(self._index, self._topic_keys, self._is_reachable)
-        """Results of `can_reach_client`, by client and the GUID of the client's request writer."""
+        """Cached results of `can_reach_client`, by client and the GUID of the client's request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._window_version = -1
-        """Version of `_reachable_clients` for which `_window` was set up."""
+        """Version of `_reachable_clients` at which the limit of `_window` was set."""
 
     def take(self) -> Request | None:
         items = self._reader.queue.items
@@ -284,7 +284,7 @@ class DdsServer(_EndpointPair):
         return is_sent
 
     def _update_window(self) -> None:
-        """Set the limit of the window by the reply readers of the discovered clients."""
+        """Set the limit of the flow control from the reply readers of the discovered clients."""
         self._window_version = self._reachable_clients.version
         readers = self._endpoints_on(self._replies, writers=False)
         # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.

@@ -101,7 +101,7 @@ class TokenGraph(EndpointIndex):
         self._apply(ParticipantDiscovered(participant_guid(own_zid), enclave))
 
     def _apply(self, *events: DiscoveryEvent) -> None:
-        """Apply events now, and queue them for the discovery sink. Lock: _lock must be held."""
+        """Apply discovery events to the graph now, and queue them for the discovery sink. Lock: _lock must be held."""
         self.apply(events)
         self._events += events
 
