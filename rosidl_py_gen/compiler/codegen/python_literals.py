@@ -1,7 +1,7 @@
 """Python source text for values, docstrings and comments that come from interface files.
 
 Definition files are untrusted: all of their text that reaches generated code passes through this module and becomes a
-literal of a plain type or text inside a docstring. `ruff format` does not change the spelling.
+literal of a plain type or text inside a docstring. Literals are spelled as `ruff format` spells them.
 """
 
 from __future__ import annotations

@@ -49,7 +49,8 @@ ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 ActionT = TypeVar("ActionT", bound=Action[Any, Any, Any])
 ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
-"""Action class; covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
+"""Type variable for an action class. It is covariant, so that ``ServerGoal[Fibonacci]`` is a
+``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
 
 
 UntypedAction: TypeAlias = Action[DictMessage, DictMessage, DictMessage]

@@ -109,7 +109,7 @@ class DeferredSender(Generic[T]):
             self.flush()
 
     def flush(self) -> None:
-        """Send all waiting items."""
+        """Send all waiting items now, in their order."""
         with self._lock:
             while self._waiting:
                 self._send(self._waiting.popleft())

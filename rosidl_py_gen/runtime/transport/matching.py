@@ -173,7 +173,7 @@ _FIELDS = {
     "deadline": ("deadline_ns",),
     "liveliness": ("liveliness", "liveliness_lease_ns"),
 }
-"""Fields of `QoSProfile` that belong to a policy, by its lower-case name."""
+"""Names of the fields of `QoSProfile` for each QoS policy, by the policy's lower-case name."""
 
 
 def _value_text(value: IntEnum | int) -> str:
