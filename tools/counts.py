@@ -80,6 +80,7 @@ class Module:
         imported: pairs of a module of the package and a name that is imported from it.
         private: private names that the module reads from objects other than `self` and `cls`, or imports, and does not
             define; one for each place.
+        own: functions, classes, variables, and attributes of `self` that the module defines.
     """
 
     def __init__(self, name: str, text: str) -> None:
@@ -88,7 +89,7 @@ class Module:
         self.imported: set[tuple[str, str]] = set()
         documented: set[int] = set()
         used: list[str] = []
-        own: set[str] = set()
+        self.own: set[str] = set()
         for node in ast.walk(ast.parse(text)):
             match node:
                 case ast.Expr(value=ast.Constant(value=str())):
@@ -106,15 +107,15 @@ class Module:
                     if not is_own:
                         used.append(attribute)
                     elif isinstance(node.ctx, ast.Store):
-                        own.add(attribute)
+                        self.own.add(attribute)
                 case ast.FunctionDef(name=defined) | ast.AsyncFunctionDef(name=defined) | ast.ClassDef(name=defined):
-                    own.add(defined)
+                    self.own.add(defined)
                 case ast.AnnAssign(target=ast.Name(id=defined)):
-                    own.add(defined)
+                    self.own.add(defined)
                 case ast.Assign(targets=targets):
-                    own |= {target.id for target in targets if isinstance(target, ast.Name)}
+                    self.own |= {target.id for target in targets if isinstance(target, ast.Name)}
         self.lines = lines_of_code(text, documented)
-        self.private = [one for one in used if re.fullmatch("_[^_].*", one) and one not in own]
+        self.private = [one for one in used if re.fullmatch("_[^_].*", one) and one not in self.own]
 
     def foreign(self) -> set[tuple[str, str]]:
         """Return the imported names of modules in other rooms; a room itself is none of their names."""
@@ -151,7 +152,9 @@ def counts(tree: Tree) -> dict[str, int]:
     modules = {name: _module(name, text) for name, text in product.items() if name.endswith(".py")}
     doors = {pair for one in modules.values() if one.room != COMPAT for pair in one.foreign()}
     compat = {pair for one in modules.values() if one.room == COMPAT for pair in one.foreign()}
-    private = [one for module in modules.values() for one in module.private]
+    # Others, such as `os._exit` and `_replace` of named tuples, are public names of the standard library.
+    defined = {name for module in modules.values() for name in module.own}
+    private = [one for module in modules.values() for one in module.private if one in defined]
     others = sum(lines_of_code(text) for name, text in product.items() if name not in modules)  # stubs and templates
     record = next((text for name, text in tree.items() if name.endswith(f"/{RECORD}")), "")
     face = [line for line in record.splitlines() if line and not line.startswith("#")]

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError
 from rosidl_py_gen.bags.mcap_writer import BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles, qos_text, recorder_data
+from rosidl_py_gen.bags.reader import find_all_channels as find_all_channels
+from rosidl_py_gen.bags.reader import stated_metadata, stored_channels, stored_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -72,16 +74,9 @@ _REASONS = {
 _IN_SQLITE = "SQLite bags have no place for them; convert to MCAP to keep them"
 
 
-def find_all_channels(reader: BagReader) -> None:
-    """Read the files of an open bag completely, and add channels that the indexes of the files do not list to its
-    reader.
-    """
-    reader._read_unindexed()
-
-
 def has_attachments(reader: BagReader) -> bool:
     """Return True if a bag has attachments that are not damaged."""
-    return any(True for file in reader._files for _ in file.attachments())
+    return any(True for file in stored_files(reader) for _ in file.attachments())
 
 
 class BagCopy:
@@ -110,7 +105,7 @@ class BagCopy:
             For each bag, the channels of the copy by the `channel_key` of the original.
         """
         writer = self._writer
-        files = [file for reader in self._readers for file in reader._files]
+        files = [file for reader in self._readers for file in stored_files(reader)]
         self._pass_on_metadata()
         for record in (record for file in files for record in file.metadata_records()):
             if record.name != ROSBAG2:
@@ -133,7 +128,7 @@ class BagCopy:
     def end(self) -> None:
         """Copy attachments to the new bag, and complete the counts in `omitted`."""
         writer = self._writer
-        for file in (file for reader in self._readers for file in reader._files):
+        for file in (file for reader in self._readers for file in stored_files(reader)):
             for attachment in file.attachments():
                 if isinstance(writer, BagWriter):
                     writer._copy_attachment(attachment)
@@ -153,8 +148,9 @@ class BagCopy:
         recording = self.recording
         self.omitted += recording.omitted
         for reader in self._readers:
-            if reader._metadata is not None and reader.path.is_dir():
-                self.omitted["listed_topics"] += len(listed_topics(reader._metadata) - reader.topics.keys())
+            metadata = stated_metadata(reader)
+            if metadata is not None and reader.path.is_dir():
+                self.omitted["listed_topics"] += len(listed_topics(metadata) - reader.topics.keys())
         profiles = recording.profiles
         profile = profiles[0] if profiles else "ros2"
         if isinstance(self._writer, BagWriter):
@@ -194,10 +190,10 @@ class BagCopy:
 
 def _targets(reader: BagReader, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
     targets = {}
-    for channel in reader._stored_channels:
+    for channel in stored_channels(reader):
         known = channels.get(channel.key)
         if known is not None:
-            targets[channel.channel_key] = with_listed_values(reader._metadata, _with_definition(channel, known))
+            targets[channel.channel_key] = with_listed_values(stated_metadata(reader), _with_definition(channel, known))
     return targets
 
 
@@ -249,9 +245,9 @@ class RecordingData:
         """Return the data about the recordings of bags, from all their files; later bags override earlier ones."""
         recording = cls()
         for reader in readers:
-            for file in reader._files:
+            for file in stored_files(reader):
                 recording.add_file(file)
-            recording.add_metadata(reader._metadata)
+            recording.add_metadata(stated_metadata(reader))
         return recording
 
     def add_file(self, file: Storage) -> None:

@@ -62,6 +62,8 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.bags.definition_lookup import Typestore
+    from rosidl_py_gen.bags.metadata import BagMetadata
+    from rosidl_py_gen.bags.storage.storage_api import Storage
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -160,12 +162,6 @@ class BagReader:
         spans = [span for file in self._files if (span := file.span()) is not None]
         start, end = min((first for first, _ in spans), default=0), max((last for _, last in spans), default=0)
         return stored, channels, topics_by_name(channels), start, end
-
-    def _read_unindexed(self) -> None:
-        """Read those parts of the files that no index describes, and update the topics by the channels found there."""
-        for file in self._files:
-            file.unused_schemas()
-        self._stored_channels, self.channels, self.topics, self.start_ns, self.end_ns = self._contents()
 
     def _add_damaged(self, part: DamagedPart) -> None:
         if part in self._known_damage:
@@ -328,11 +324,6 @@ class BagReader:
             BagError: the bag is damaged, or a topic does not exist.
         """
         return as_raw_messages(self._merged(self._names(topics), start_ns, end_ns))
-
-    def _messages_as_stored(self) -> Iterator[RawMessage]:
-        """Yield all messages of a bag of one file without decompressing messages that rosbag2 compressed one by one."""
-        (file,) = self._files
-        return as_raw_messages(file.stored_messages())
 
     def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
         names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)
@@ -572,6 +563,42 @@ class BagReader:
             else "messages"
         )
         return f"<BagReader {str(self.path)!r}: {messages} of {pluralize(len(self.topics), 'topic')}>"
+
+
+# Functions for copies and repairs, which keep every record of a bag; users of a reader see its topics and messages.
+
+
+def stored_files(reader: BagReader) -> Sequence[Storage]:
+    """Return the open files of a bag."""
+    return reader._files
+
+
+def stored_channels(reader: BagReader) -> Sequence[BagTopic]:
+    """Return the channels of a bag as stored, one for each channel of the files."""
+    return reader._stored_channels
+
+
+def stated_metadata(reader: BagReader) -> BagMetadata | None:
+    """Return the contents of ``metadata.yaml``, or of the record that rosbag2 writes into a file; None without them."""
+    return reader._metadata
+
+
+def set_stated_metadata(reader: BagReader, metadata: BagMetadata | None) -> None:
+    """Replace the result of `stated_metadata`."""
+    reader._metadata = metadata
+
+
+def messages_as_stored(reader: BagReader) -> Iterator[RawMessage]:
+    """Yield all messages of a bag of one file as stored: still compressed if rosbag2 compressed single messages."""
+    (file,) = reader._files
+    return as_raw_messages(file.stored_messages())
+
+
+def find_all_channels(reader: BagReader) -> None:
+    """Read the parts of files that no index describes, which may define more channels, and update the topics."""
+    for file in reader._files:
+        file.unused_schemas()
+    reader._stored_channels, reader.channels, reader.topics, reader.start_ns, reader.end_ns = reader._contents()
 
 
 def _may_skip(on_error: str) -> bool:

@@ -19,7 +19,13 @@ from rosidl_py_gen.bags.copying import BagCopy, RecordingData, listed_topics, wi
 from rosidl_py_gen.bags.definition_lookup import has_definition
 from rosidl_py_gen.bags.mcap_writer import BagWriter
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, read_metadata, write_metadata
-from rosidl_py_gen.bags.reader import BagReader
+from rosidl_py_gen.bags.reader import (
+    BagReader,
+    find_all_channels,
+    messages_as_stored,
+    set_stated_metadata,
+    stored_files,
+)
 from rosidl_py_gen.bags.splitting_writer import compress_file
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.storage.sqlite_file import JOURNALS, SqliteFile
@@ -88,15 +94,13 @@ def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
     reader = BagReader(
         file, skip_damaged=True, on_progress=lambda done, total: progress.show(size * done // (2 * max(1, total)))
     )
-    reader._read_unindexed()
+    find_all_channels(reader)
     return reader
 
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
-    """Yield all messages of an open bag file as they are stored, and report progress in bytes up to `end` to the
-    callback.
-    """
-    return _with_progress(reader._messages_as_stored(), reader, progress, end)
+    """Yield all messages of an open bag file as stored, and report progress from the present position to `end`."""
+    return _with_progress(messages_as_stored(reader), reader, progress, end)
 
 
 def _with_progress(messages: Iterable[T], reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[T]:
@@ -143,7 +147,7 @@ class _Repairs:
         for path in (plain, partial):
             self._resources.callback(path.unlink, missing_ok=True)
             path.unlink(missing_ok=True)  # of a run that was killed
-        (storage,) = reader._files
+        (storage,) = stored_files(reader)
         if file.suffix == ".db3":  # a compressed file has no journal
             with closing(SqliteFile(file)) as database:
                 database.copy_to(plain)
@@ -224,7 +228,7 @@ class _Survey:
             self._write(reader, file, size)
         else:
             counted = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
-            (storage,) = reader._files
+            (storage,) = stored_files(reader)
             stored = _with_progress(storage.stored_messages(), reader, self._progress, size)
             for channel, _, log_time, _, _ in stored:  # all: some may be damaged
                 counted.add(channel.topic, log_time)
@@ -257,7 +261,7 @@ class _Survey:
 
 
 def _needs_repair(reader: BagReader) -> bool:
-    return not reader.has_index or any(file.has_journal for file in reader._files)
+    return not reader.has_index or any(file.has_journal for file in stored_files(reader))
 
 
 def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reindexed:
@@ -287,9 +291,9 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
         for file in files:
             size = file.stat().st_size
             with _open(file, progress, size) as reader:
-                reader._metadata = previous  # what the file itself does not state
+                set_stated_metadata(reader, previous)  # what the file itself does not state
                 survey.add(reader, file, size, _needs_repair(reader))
-                recording.add_file(*reader._files)
+                recording.add_file(*stored_files(reader))
         recording.add_metadata(previous)
         topics = topics_by_name(with_listed_values(previous, channel) for channel in survey.channels)
         if previous is not None:

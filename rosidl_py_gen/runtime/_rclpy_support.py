@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.runtime.actions.states import MIN_RESULT_RETENTION_NS as MIN_RESULT_RETENTION_NS
+from rosidl_py_gen.runtime.actions.states import RCLPY_RULES as RCLPY_RULES
+from rosidl_py_gen.runtime.actions.states import GoalTable as GoalTable
 from rosidl_py_gen.runtime.names.validation import NameFault as NameFault
 from rosidl_py_gen.runtime.names.validation import NameRule as NameRule
 from rosidl_py_gen.runtime.names.validation import find_full_name_fault as find_full_name_fault

@@ -64,6 +64,26 @@ async def statuses_of(world: World, server: Any) -> list[list[int]]:
     return seen
 
 
+def retained_goal_count(server: Any) -> int:
+    """Return the number of active goals and retained results of a server."""
+    return len(server._goals.table)
+
+
+def known_goals(client: Any) -> Any:
+    """Return the goals of a client that have not ended, by their ids."""
+    return client._goals
+
+
+def pending_results(client: Any) -> Any:
+    """Return the requests for results that a client has not finished."""
+    return client._result._pending
+
+
+def result_client(client: Any) -> Any:
+    """Return the service client that requests results."""
+    return client._result.client
+
+
 @contextlib.contextmanager
 def served_in_thread(world: World, execute: Any) -> Iterator[None]:
     """Serve the action on an event loop of another thread."""

@@ -32,7 +32,7 @@ class InitContextManager:
 
     def __init__(self, context: Context, explicit_context: Context | None, has_handlers: bool) -> None:
         self.context, self.installed_signal_handlers = context, has_handlers
-        self._rosidl_context = explicit_context
+        self.rosidl_context = explicit_context
 
     def __enter__(self) -> InitContextManager:
         return self

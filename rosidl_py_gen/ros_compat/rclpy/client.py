@@ -66,7 +66,7 @@ class BaseClient(Subscriptable, ServiceEntity[runtime.Client[Any, Any]]):
 class Client(BaseClient):
     """Client of a service, created by `Node.create_client`. The executor of its node receives the responses."""
 
-    _rosidl_take_method = "_take_client"
+    rosidl_take_method = "_take_client"
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class Client(BaseClient):
         with self.handle as handle:
             return handle.context.wait(self.service_is_ready, timeout_sec)
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+    def rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         item = self._rosidl_requests.take() if self._rosidl_handle.is_valid else None
         if item is None:
             return None

@@ -9,7 +9,7 @@ from rclpy.impl._fields import Checked
 from rclpy.qos import QoSHistoryPolicy, QoSPresetProfiles, QoSProfile
 from rclpy.type_hash import TypeHash
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime.qos import POLICIES
+from rosidl_py_gen.runtime.qos import POLICIES as _POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -61,7 +61,7 @@ def _gid_text(gid: list[int]) -> str:
 
 
 def _profile_lines(qos: QoSProfile, indent: str, history: str) -> list[str]:
-    values = {policy: getattr(qos, policy.rmw_name) for policy in POLICIES if policy.label}
+    values = {policy: getattr(qos, policy.rmw_name) for policy in _POLICIES if policy.label}
     texts = {policy: value.name if policy.enum is not None else value for policy, value in values.items()}
     return [
         f"{indent}{policy.label}: {history if policy.rmw_name == 'history' else text}" for policy, text in texts.items()
@@ -116,7 +116,7 @@ class TopicEndpointInfo:
             setattr(self, name, kwargs.get(name, default))
 
     @classmethod
-    def _rosidl_from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
+    def rosidl_from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
         return cls(
             node_name=info.node_name,
             node_namespace=info.node_namespace,
@@ -124,7 +124,7 @@ class TopicEndpointInfo:
             topic_type_hash=_hash_of(info.topic_type_hash),
             endpoint_type=int(info.endpoint_type),
             endpoint_gid=list(info.endpoint_gid),
-            qos_profile=QoSProfile._rosidl_from_runtime(info.qos_profile),
+            qos_profile=QoSProfile.rosidl_from_runtime(info.qos_profile),
         )
 
     def __eq__(self, other: object) -> bool:
@@ -209,13 +209,13 @@ class ServiceEndpointInfo:
         self.endpoint_count = endpoint_count
 
     @classmethod
-    def _rosidl_from_runtime(cls, info: ServiceEndpoints, endpoint_type: EndpointTypeEnum) -> ServiceEndpointInfo:
+    def rosidl_from_runtime(cls, info: ServiceEndpoints, endpoint_type: EndpointTypeEnum) -> ServiceEndpointInfo:
         return cls(
             node_name=info.node_name,
             node_namespace=info.node_namespace,
             service_type=info.service_type,
             service_type_hash=_hash_of(info.service_type_hash),
-            qos_profiles=[QoSProfile._rosidl_from_runtime(profile) for profile in info.qos_profiles],
+            qos_profiles=[QoSProfile.rosidl_from_runtime(profile) for profile in info.qos_profiles],
             endpoint_gids=[list(gid) for gid in info.gids],
             endpoint_type=endpoint_type,
             endpoint_count=len(info.gids),

@@ -46,9 +46,9 @@ def find_ready_entities(
     min_wait_s: float | None = None
     has_waitables = False
     for node in nodes:
-        entities, marked_kinds = node._rosidl_entity_lists, node.handle.marked_kinds
+        entities, marked_kinds = node.rosidl_entity_lists, node.handle.marked_kinds
         for timer in tuple(entities["timers"]):
-            if timer._rosidl_is_ready():
+            if timer.rosidl_is_ready():
                 if can_execute(timer):
                     ready.append((timer, node))
                 continue
@@ -63,7 +63,7 @@ def find_ready_entities(
         for kind in _KINDS if len(kinds) > 1 else kinds:
             if kind in kinds:
                 for entity in tuple(entities[kind]):
-                    if entity._rosidl_is_ready() and can_execute(entity):
+                    if entity.rosidl_is_ready() and can_execute(entity):
                         ready.append((entity, node))
         if entities["waitables"]:
             has_waitables = True
@@ -75,8 +75,8 @@ def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], boo
     ready: ReadyEntities = []
     wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in tuple(node._rosidl_entity_lists["waitables"]):
-            queue = waitable._rosidl_queue
+        for waitable in tuple(node.rosidl_entity_lists["waitables"]):
+            queue = waitable.rosidl_queue
             if (queue is not None and not queue) or not can_execute(waitable):
                 continue
             if wait_set is None:
@@ -105,9 +105,9 @@ def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corout
     continuation: Coroutine[Any, Any, None] | None = None
     try:
         call: Callable[[], Any] | None
-        take = executor._rosidl_replaced_take(entity)
+        take = executor.rosidl_replaced_take(entity)
         try:
-            call = entity._rosidl_take(executor) if take is None else take(entity)
+            call = entity.rosidl_take(executor) if take is None else take(entity)
         except (InvalidHandle, runtime.ClosedError):  # another thread destroyed the entity
             call = None
         finally:
@@ -149,7 +149,7 @@ def is_in_callback_that_blocks(entity: Any) -> bool:
         if frame.f_code is execute_entity.__code__:
             running, executor = frame.f_locals["entity"], frame.f_locals["executor"]
             if running.callback_group is entity.callback_group:
-                return executor._rosidl_has_one_thread or not entity.callback_group.can_execute(entity)
-            if executor._rosidl_has_one_thread:
+                return executor.rosidl_has_one_thread or not entity.callback_group.can_execute(entity)
+            if executor.rosidl_has_one_thread:
                 return any(entity is client for node in executor.get_nodes() for client in node.clients)
     return False

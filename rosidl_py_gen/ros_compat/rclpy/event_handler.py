@@ -102,7 +102,7 @@ class EventHandler(Waitable):
                 )
             self._rosidl_event = EventHandle(items)
         if type(self).is_ready is EventHandler.is_ready:
-            self._rosidl_queue = items
+            self.rosidl_queue = items
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         return self._rosidl_event.is_ready()
@@ -158,9 +158,8 @@ class _EventCallbacks:
     def _rosidl_program_callbacks(self) -> dict[str, Callable[[Any], Any]]:
         return {name: getattr(self, name) for name in self._ROSIDL_EVENT_TYPES if getattr(self, name) is not None}
 
-    def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
-        """Return queues for the events that the program has requested, by rcl's event number, and callbacks that fill
-        the queues.
+    def rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
+        """Return a queue for each requested kind of event (rcl's number), and the runtime's callbacks that fill them.
 
         The callbacks are None if no event is requested.
         """

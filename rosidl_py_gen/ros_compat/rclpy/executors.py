@@ -103,7 +103,7 @@ class Executor:
         RCLError: the context is shut down.
     """
 
-    _rosidl_has_one_thread = False
+    rosidl_has_one_thread = False
 
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__()
@@ -246,32 +246,32 @@ class Executor:
                 await continuation
 
         task: Task[Any] = Task(execute(), executor=self)
-        task._rosidl_is_dispatched = True
+        task.rosidl_is_dispatched = True
         return task
 
     def _rosidl_retain_task(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:
             self._tasks.append((task, entity, node))
 
-    def _rosidl_replaced_take(self, entity: Any) -> _Take | None:
-        """Return the method ``_take_...`` for an entity, if the program has replaced this method or `await_or_execute`.
+    def rosidl_replaced_take(self, entity: Any) -> _Take | None:
+        """Return the method ``_take_...`` for an entity, if the program has replaced that method or `await_or_execute`.
 
         Otherwise return None. Execution then needs no coroutine, which saves a tenth of the time of a callback.
         """
-        name = entity._rosidl_take_method
+        name = entity.rosidl_take_method
         take: _Take = getattr(self, name)
         is_replaced = await_or_execute is not _AWAIT_OR_EXECUTE or getattr(take, "__func__", None) is not _TAKES[name]
         return take if is_replaced else None
 
     def _take_timer(self, tmr: Timer) -> _Execution | None:
-        return _calls(tmr._rosidl_take(self))
+        return _calls(tmr.rosidl_take(self))
 
     def _take_subscription(self, sub: Subscription) -> _Execution | None:
-        arguments = sub._rosidl_take_arguments()
+        arguments = sub.rosidl_take_arguments()
         return None if arguments is None else _calls(sub.callback, *arguments)
 
     def _take_client(self, client: Client) -> _Execution | None:
-        call = client._rosidl_take(self)
+        call = client.rosidl_take(self)
         if call is None:
             return None
 
@@ -281,7 +281,7 @@ class Executor:
         return execute
 
     def _take_service(self, srv: Service) -> _Execution | None:
-        request = srv._rosidl_take_request()
+        request = srv.rosidl_take_request()
         if request is None:
             return None
 
@@ -292,10 +292,10 @@ class Executor:
         return execute
 
     def _take_guard_condition(self, gc: GuardCondition) -> _Execution | None:
-        return _calls(gc._rosidl_take(self))
+        return _calls(gc.rosidl_take(self))
 
     def _take_waitable(self, waitable: Waitable) -> _Execution | None:
-        return waitable._rosidl_take(self)
+        return waitable.rosidl_take(self)
 
     def can_execute(self, entity: Any) -> bool:
         """Return True if the callback of an entity may run now: its group allows that, and it is not scheduled yet."""
@@ -309,10 +309,10 @@ class Executor:
             tasks = list(self._tasks)
         for task, entity, node in reversed(tasks):
             if (node is None or node in nodes) and task._rosidl_has_resumable_task():
-                task._rosidl_is_dispatched = True
+                task.rosidl_is_dispatched = True
                 yield task, entity, node
         with self._tasks_lock:
-            self._tasks = [work for work in self._tasks if work[0]._pending()]
+            self._tasks = [work for work in self._tasks if not (work[0].done() or work[0].cancelled())]
 
     def _rosidl_has_resumable_task(self, nodes: Iterable[Node]) -> bool:
         if not self._tasks:
@@ -387,7 +387,7 @@ class Executor:
                 raise ExternalShutdownException
             for index, (entity, node) in enumerate(ready):  # the first needs no check, as nothing ran since the scan
                 if not index or (
-                    self.can_execute(entity) and (not isinstance(entity, Timer) or entity._rosidl_is_ready())
+                    self.can_execute(entity) and (not isinstance(entity, Timer) or entity.rosidl_is_ready())
                 ):
                     has_yielded = True
                     entity._executor_event = True  # not ready again before an item was taken
@@ -451,7 +451,7 @@ def _calls(callback: Callable[..., Any] | None, *args: Any) -> _Execution | None
 class SingleThreadedExecutor(Executor):
     """Executor that runs callbacks in the spinning thread; exceptions of callbacks leave `spin`."""
 
-    _rosidl_has_one_thread = True
+    rosidl_has_one_thread = True
 
     def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         wait = self.wait_for_ready_callbacks
@@ -469,7 +469,7 @@ class SingleThreadedExecutor(Executor):
             if continuation is None:
                 return
             handler = Task(continuation, executor=self)
-            handler._rosidl_is_dispatched = True
+            handler.rosidl_is_dispatched = True
             self._rosidl_retain_task(handler, entity, node)
         handler()
         handler.result()

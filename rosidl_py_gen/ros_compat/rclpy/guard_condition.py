@@ -39,7 +39,7 @@ class GuardConditionHandle(Destroyable):
 class GuardCondition:
     """Entity whose callback runs once after one or several calls of `trigger`."""
 
-    _rosidl_take_method = "_take_guard_condition"
+    rosidl_take_method = "_take_guard_condition"
 
     def __init__(
         self,
@@ -70,9 +70,9 @@ class GuardCondition:
         """Destroy the guard condition; use `Node.destroy_guard_condition` for guard conditions of nodes."""
         self.handle.destroy_when_not_in_use()
 
-    def _rosidl_is_ready(self) -> bool:
+    def rosidl_is_ready(self) -> bool:
         return self._rosidl_guard_handle.is_ready()
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+    def rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         self._rosidl_guard_handle.take_trigger()
         return self.callback

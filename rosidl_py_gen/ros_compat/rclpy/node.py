@@ -291,7 +291,7 @@ class BaseNode(NodeParameters):
         check_is_valid_msg_type(msg_type)
         with self.handle:
             context, _ = self._rosidl_require_ok()
-            queues, runtime_callbacks = ({}, None) if callbacks is None else callbacks._rosidl_queues(context)
+            queues, runtime_callbacks = ({}, None) if callbacks is None else callbacks.rosidl_queues(context)
             qos: Any = profile.get_c_qos_profile()
             if qos.depth < min_depth and profile.history != HistoryPolicy.KEEP_ALL:
                 qos = qos.keep_last(min_depth)
@@ -410,7 +410,7 @@ class BaseNode(NodeParameters):
         topic = name if no_mangle else self._rosidl_full_name(name)
         with self.handle.in_use() as node:
             infos: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
-            return [TopicEndpointInfo._rosidl_from_runtime(info) for info in infos]
+            return [TopicEndpointInfo.rosidl_from_runtime(info) for info in infos]
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return information on each publisher of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
@@ -433,7 +433,7 @@ class BaseNode(NodeParameters):
             infos = service_endpoints(
                 node, service, servers=kind is EndpointTypeEnum.SERVER, has_one_endpoint=not is_dds
             )
-            return [ServiceEndpointInfo._rosidl_from_runtime(info, kind) for info in infos]
+            return [ServiceEndpointInfo.rosidl_from_runtime(info, kind) for info in infos]
 
     def get_clients_info_by_service(self, service_name: str, no_mangle: bool = False) -> list[ServiceEndpointInfo]:
         """Return information on each client of a service, whose name is expanded and remapped unless `no_mangle`.
@@ -471,7 +471,7 @@ class BaseNode(NodeParameters):
         """Return the actions of all clients and servers in the graph, as ``('/turn', ['pkg/action/Turn'])``."""
         return _actions_of_topics(self.get_topic_names_and_types())
 
-    def _rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
+    def rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
         subscription.destroy()
 
     def destroy_node(self) -> None:
@@ -522,10 +522,10 @@ class Node(BaseNode):
         self._rosidl_executor: weakref.ref[Executor] | None = None
         self._clock: Clock = ROSClock()
         # Programs read rclpy's lists (`_timers`), or store lists of their own under these names. So each list is stored
-        # twice; the code here uses `_rosidl_entity_lists`.
-        self._rosidl_entity_lists: dict[str, list[Any]] = {kind: [] for kind in (*_KINDS, "waitables")}
+        # twice; the code here uses `rosidl_entity_lists`.
+        self.rosidl_entity_lists: dict[str, list[Any]] = {kind: [] for kind in (*_KINDS, "waitables")}
         for kind in _KINDS:
-            setattr(self, f"_{kind}", self._rosidl_entity_lists[kind])
+            setattr(self, f"_{kind}", self.rosidl_entity_lists[kind])
         self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rate_group: CallbackGroup = ReentrantCallbackGroup()
         super().__init__(
@@ -568,31 +568,31 @@ class Node(BaseNode):
     @property
     def publishers(self) -> Iterator[Publisher]:
         """Publishers of the node; the properties `subscriptions`, `clients` and so on are analogous."""
-        yield from tuple(self._rosidl_entity_lists["publishers"])
+        yield from tuple(self.rosidl_entity_lists["publishers"])
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        yield from tuple(self._rosidl_entity_lists["subscriptions"])
+        yield from tuple(self.rosidl_entity_lists["subscriptions"])
 
     @property
     def clients(self) -> Iterator[Client]:
-        yield from tuple(self._rosidl_entity_lists["clients"])
+        yield from tuple(self.rosidl_entity_lists["clients"])
 
     @property
     def services(self) -> Iterator[Service]:
-        yield from tuple(self._rosidl_entity_lists["services"])
+        yield from tuple(self.rosidl_entity_lists["services"])
 
     @property
     def timers(self) -> Iterator[Timer]:
-        yield from tuple(self._rosidl_entity_lists["timers"])
+        yield from tuple(self.rosidl_entity_lists["timers"])
 
     @property
     def guards(self) -> Iterator[GuardCondition]:
-        yield from tuple(self._rosidl_entity_lists["guards"])
+        yield from tuple(self.rosidl_entity_lists["guards"])
 
     @property
     def waitables(self) -> Iterator[Waitable]:
-        yield from tuple(self._rosidl_entity_lists["waitables"])
+        yield from tuple(self.rosidl_entity_lists["waitables"])
 
     @property
     def default_callback_group(self) -> CallbackGroup:
@@ -605,16 +605,14 @@ class Node(BaseNode):
         for entities in self._rosidl_lists_of_kind(kind):
             entities.append(entity)
         if not isinstance(entity, GuardCondition):
-            entity._rosidl_on_destroy = partial(_forget_entity, weakref.ref(self), kind)
-        self._rosidl_entity_lists["waitables"] += getattr(entity, "event_handlers", ())
+            entity.rosidl_on_destroy = partial(_forget_entity, weakref.ref(self), kind)
+        self.rosidl_entity_lists["waitables"] += getattr(entity, "event_handlers", ())
         self._rosidl_wake_executor()
         return entity
 
     def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
-        """Return two lists of a kind of entities: the node's own, and the one that the program has stored in rclpy's
-        attribute instead.
-        """
-        own_list, program_list = self._rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
+        """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
+        own_list, program_list = self.rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
         if isinstance(program_list, list) and program_list is not own_list:
             return [own_list, program_list]
         return [own_list]
@@ -798,12 +796,12 @@ class Node(BaseNode):
 
     def add_waitable(self, waitable: Waitable) -> None:
         """Make the executor wait for a `Waitable` of the program, and execute it when it is ready."""
-        self._rosidl_entity_lists["waitables"].append(waitable)
+        self.rosidl_entity_lists["waitables"].append(waitable)
         self._rosidl_wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
         """Make the executor no longer wait for a `Waitable`."""
-        self._rosidl_entity_lists["waitables"].remove(waitable)
+        self.rosidl_entity_lists["waitables"].remove(waitable)
         self._rosidl_wake_executor()
 
     def _rosidl_forget(self, entity: Any, kind: str) -> bool:
@@ -818,9 +816,9 @@ class Node(BaseNode):
             if entity in entities:
                 entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
-            self._rosidl_entity_lists["waitables"].remove(handler)
+            self.rosidl_entity_lists["waitables"].remove(handler)
         if not isinstance(entity, GuardCondition):
-            entity._rosidl_on_destroy = None
+            entity.rosidl_on_destroy = None
         return True
 
     def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
@@ -843,7 +841,7 @@ class Node(BaseNode):
     def destroy_subscription(self, subscription: Subscription) -> bool:
         return self._rosidl_destroy(subscription, "subscriptions")
 
-    def _rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
+    def rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
         self._rosidl_destroy(subscription, "subscriptions")
 
     def destroy_client(self, client: Client) -> bool:
@@ -874,7 +872,7 @@ class Node(BaseNode):
         """Destroy the node and its entities; later uses raise InvalidHandle, except for this method."""
         self._parameter_event_publisher = None
         for kind in _KINDS:
-            while entities := self._rosidl_entity_lists[kind]:
+            while entities := self.rosidl_entity_lists[kind]:
                 self._rosidl_destroy(entities[0], kind)
         super().destroy_node()
         self._rosidl_wake_executor()

@@ -136,7 +136,7 @@ class _RuntimeProfile(runtime.QoSProfile):
     __slots__ = ()
 
     def to_dict(self) -> dict[str, Any]:
-        profile = QoSProfile._rosidl_from_runtime(self)
+        profile = QoSProfile.rosidl_from_runtime(self)
         return {name: getattr(profile, name) for name in _DEFAULTS}
 
 
@@ -220,7 +220,7 @@ class QoSProfile:
         return _RuntimeProfile(**values)
 
     @classmethod
-    def _rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
+    def rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
         """Convert a QoS profile of the runtime, without a warning for depth 0."""
         values = {}
         for policy in presets.POLICIES:
@@ -247,15 +247,15 @@ qos_profile_unknown = QoSProfile(
     durability=DurabilityPolicy.UNKNOWN,
     liveliness=LivelinessPolicy.UNKNOWN,
 )
-qos_profile_default = QoSProfile._rosidl_from_runtime(presets.DEFAULT)
-qos_profile_system_default = QoSProfile._rosidl_from_runtime(presets.SYSTEM_DEFAULT)
-qos_profile_sensor_data = QoSProfile._rosidl_from_runtime(presets.SENSOR_DATA)
-qos_profile_services_default = QoSProfile._rosidl_from_runtime(presets.SERVICES_DEFAULT)
-qos_profile_parameters = QoSProfile._rosidl_from_runtime(presets.PARAMETERS)
-qos_profile_parameter_events = QoSProfile._rosidl_from_runtime(presets.PARAMETER_EVENTS)
-qos_profile_best_available = QoSProfile._rosidl_from_runtime(presets.BEST_AVAILABLE)
-qos_profile_action_status_default = QoSProfile._rosidl_from_runtime(presets.ACTION_STATUS)
-qos_profile_rosout_default = QoSProfile._rosidl_from_runtime(presets.ROSOUT)
+qos_profile_default = QoSProfile.rosidl_from_runtime(presets.DEFAULT)
+qos_profile_system_default = QoSProfile.rosidl_from_runtime(presets.SYSTEM_DEFAULT)
+qos_profile_sensor_data = QoSProfile.rosidl_from_runtime(presets.SENSOR_DATA)
+qos_profile_services_default = QoSProfile.rosidl_from_runtime(presets.SERVICES_DEFAULT)
+qos_profile_parameters = QoSProfile.rosidl_from_runtime(presets.PARAMETERS)
+qos_profile_parameter_events = QoSProfile.rosidl_from_runtime(presets.PARAMETER_EVENTS)
+qos_profile_best_available = QoSProfile.rosidl_from_runtime(presets.BEST_AVAILABLE)
+qos_profile_action_status_default = QoSProfile.rosidl_from_runtime(presets.ACTION_STATUS)
+qos_profile_rosout_default = QoSProfile.rosidl_from_runtime(presets.ROSOUT)
 
 
 class QoSPresetProfiles(Enum):

@@ -26,7 +26,8 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.subscription import Subscription
-from rosidl_py_gen.runtime.qos import ENUMS, PERIODS
+from rosidl_py_gen.runtime.qos import ENUMS as _ENUMS
+from rosidl_py_gen.runtime.qos import PERIODS as _PERIODS
 
 if TYPE_CHECKING:
     from rclpy.node import BaseNode
@@ -115,9 +116,9 @@ def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> str | i
 
 def _as_policy(field: str, parameter: Parameter) -> Any:
     value = parameter.value
-    if field in ENUMS:
+    if field in _ENUMS:
         try:
-            return ENUMS[field][value.upper()]
+            return _ENUMS[field][value.upper()]
         except KeyError:
             raise RuntimeError(f"Unexpected QoS override for policy `{field}`: `{value}`") from None
-    return Duration(nanoseconds=value) if field in PERIODS.values() else value
+    return Duration(nanoseconds=value) if field in _PERIODS.values() else value

@@ -56,7 +56,7 @@ class BaseService(Subscriptable, ServiceEntity[runtime.ServiceServer[Any, Any]])
         with self.handle.in_use(require_ok=False):
             header.respond(response)
 
-    def _rosidl_take_request(self) -> runtime.ServiceRequest[Any, Any] | None:
+    def rosidl_take_request(self) -> runtime.ServiceRequest[Any, Any] | None:
         with self._rosidl_handle as handle:
             return handle.entity.take()
 
@@ -64,7 +64,7 @@ class BaseService(Subscriptable, ServiceEntity[runtime.ServiceServer[Any, Any]])
 class Service(BaseService):
     """Server of a service, created by `Node.create_service`."""
 
-    _rosidl_take_method = "_take_service"
+    rosidl_take_method = "_take_service"
 
     def __init__(
         self,
@@ -79,8 +79,8 @@ class Service(BaseService):
         self.callback_group = callback_group
         self._executor_event = False
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
-        request = self._rosidl_take_request()
+    def rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        request = self.rosidl_take_request()
         if request is None:
             return None
 

@@ -89,7 +89,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
         on_destroy: Callable[[Any], None] | None = None,
     ) -> None:
         super().__init__(subscription_impl, msg_type, topic, qos_profile, [], on_destroy)
-        self._rosidl_is_ready = subscription_impl.may_be_ready
+        self.rosidl_is_ready = subscription_impl.may_be_ready
         self._rosidl_filtered: FilteredMessages | None = None
         self.callback = callback
         self.raw = raw
@@ -153,7 +153,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
                 filtered = FilteredMessages(handle.entity, self.msg_type, raw=self.raw, depth=depth)
                 self._rosidl_filtered = filtered
                 handle.set_ready_check(filtered.is_ready)
-                self._rosidl_is_ready = self._rosidl_has_filtered
+                self.rosidl_is_ready = self._rosidl_has_filtered
             if self._rosidl_filtered is not None:
                 self._rosidl_filtered.filter = new_filter
 
@@ -169,7 +169,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
         filtered = self._rosidl_filtered
         return filtered is not None and self._rosidl_handle.is_ready() and filtered.has_messages()
 
-    def _rosidl_take_arguments(self) -> tuple[Any, ...] | None:
+    def rosidl_take_arguments(self) -> tuple[Any, ...] | None:
         """Take the next message, and return the arguments of the callback for it; None if there is no message."""
         if self._rosidl_filtered is not None:
             filtered = self._rosidl_filtered
@@ -201,7 +201,7 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
 class Subscription(BaseSubscription):
     """Subscription of a topic, created by `Node.create_subscription`."""
 
-    _rosidl_take_method = "_take_subscription"
+    rosidl_take_method = "_take_subscription"
 
     def __init__(
         self,
@@ -220,6 +220,6 @@ class Subscription(BaseSubscription):
         self._executor_event = False
         self._rosidl_tells_gid = tells_publisher_gid()
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
-        arguments = self._rosidl_take_arguments()
+    def rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        arguments = self.rosidl_take_arguments()
         return None if arguments is None else partial(self._callback, *arguments)

@@ -178,7 +178,7 @@ class Task(Future[T]):
             self._handler = handler(*self._args, **self._kwargs)
             self._args, self._kwargs = (), {}
         self._executing = False
-        self._rosidl_is_dispatched = False
+        self.rosidl_is_dispatched = False
         """True if an executor has passed the task to a thread that will call it."""
         self._rosidl_awaited_future: Future[Any] | None = None
         self._task_lock = threading.Lock()
@@ -197,7 +197,7 @@ class Task(Future[T]):
                 self._state, self._handler = FutureState.CANCELLED, None
                 raise
             finally:
-                self._executing = self._rosidl_is_dispatched = False
+                self._executing = self.rosidl_is_dispatched = False
         finally:
             self._task_lock.release()
 
@@ -232,7 +232,7 @@ class Task(Future[T]):
             awaited._rosidl_wake_at_end(executor.wake)
 
     def _rosidl_has_resumable_task(self) -> bool:
-        if self._rosidl_is_dispatched or self._executing or not self._pending():
+        if self.rosidl_is_dispatched or self._executing or not self._pending():
             return False
         return self._rosidl_awaited_future is None or not self._rosidl_awaited_future._pending()
 

@@ -51,7 +51,7 @@ class TimeSource:
         else:
             node = self._get_node()
             if self._clock_sub is not None and node is not None:
-                node._rosidl_destroy_subscription(self._clock_sub)
+                node.rosidl_destroy_subscription(self._clock_sub)
                 self._clock_sub = None
 
     def _subscribe_to_clock_topic(self) -> None:
@@ -93,7 +93,7 @@ class TimeSource:
             node = self._get_node()
             if node is None:
                 raise RuntimeError("Unable to destroy previously created clock subscription")
-            node._rosidl_destroy_subscription(self._clock_sub)
+            node.rosidl_destroy_subscription(self._clock_sub)
         self._clock_sub = None
         self._node_weak_ref = None
 

@@ -187,8 +187,8 @@ class BaseTimer:
             raise NotInitializedException("cannot create timer")
         with handle:
             self._rosidl_timer = TimerHandle(handle, clock, int(timer_period_ns), autostart)
-        self._rosidl_is_ready = self._rosidl_timer.is_ready
-        self._rosidl_on_destroy = on_destroy
+        self.rosidl_is_ready = self._rosidl_timer.is_ready
+        self.rosidl_on_destroy = on_destroy
         self.callback = callback
 
     @property
@@ -197,7 +197,7 @@ class BaseTimer:
 
     def destroy(self) -> None:
         """Destroy the timer; use `Node.destroy_timer` for timers of nodes."""
-        on_destroy, self._rosidl_on_destroy = self._rosidl_on_destroy, None
+        on_destroy, self.rosidl_on_destroy = self.rosidl_on_destroy, None
         if on_destroy is not None:
             on_destroy(self)
         self._rosidl_timer.destroy_when_not_in_use()
@@ -268,7 +268,7 @@ class BaseTimer:
 class Timer(BaseTimer):
     """Timer, created by `Node.create_timer`. Times are nanoseconds of its clock."""
 
-    _rosidl_take_method = "_take_timer"
+    rosidl_take_method = "_take_timer"
 
     def __init__(
         self,
@@ -286,7 +286,7 @@ class Timer(BaseTimer):
         self._rosidl_checked_callback: Callable[..., Any] | None = None
         self._rosidl_info_name: str | None = None  # parameter of that callback
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+    def rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         with self._rosidl_timer:
             times_ns = self._rosidl_timer.call_timer()
         callback = self.callback

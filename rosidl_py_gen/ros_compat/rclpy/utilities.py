@@ -45,7 +45,7 @@ def explicit_context(context: Context | InitContextManager | None) -> Context | 
         return context
     from rclpy import InitContextManager
 
-    return context._rosidl_context if isinstance(context, InitContextManager) else context
+    return context.rosidl_context if isinstance(context, InitContextManager) else context
 
 
 def resolve_context(context: Context | InitContextManager | None) -> Context:

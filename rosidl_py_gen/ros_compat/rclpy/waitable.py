@@ -94,11 +94,10 @@ class WaitSet:
 class Waitable(Subscriptable):
     """Base class of objects that an executor waits for and executes."""
 
-    _rosidl_queue: Collection[Any] | None = None
-    """Queue of arrivals of the waitable. While the queue is empty, the waitable is not ready and `is_ready` is not
-    called. None without a queue."""
+    rosidl_queue: Collection[Any] | None = None
+    """Queue for arrivals: while it is empty, the waitable is not ready, and `is_ready` is not called; or None."""
 
-    _rosidl_take_method = "_take_waitable"
+    rosidl_take_method = "_take_waitable"
 
     def __init__(self, callback_group: CallbackGroup) -> None:
         self.callback_group = callback_group
@@ -112,7 +111,7 @@ class Waitable(Subscriptable):
     def __exit__(self, t: object, v: object, tb: object) -> None:
         """Allow the entities of the waitable to be destroyed again."""
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any]:
+    def rosidl_take(self, executor: Executor) -> Callable[[], Any]:
         data = self.take_data()
 
         async def execute() -> None:

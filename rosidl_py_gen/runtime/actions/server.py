@@ -176,7 +176,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
 
     async def _may_cancel(self, goal_id: bytes) -> bool:
         goal = self._goals.active.get(goal_id)
-        if goal is None:  # it has just ended; `answer_cancel` handles that
+        if goal is None:  # it has just ended; `GoalTable.cancel_code` handles that
             return False
         if self._cancels is None and isinstance(self._cancel_callback, bool):
             return self._cancel_callback

@@ -28,7 +28,6 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalInfo,
     GoalStatus,
     GoalTable,
-    StatusArray,
 )
 from rosidl_py_gen.runtime.actions.types import ActionT_co, set_goal_id
 from rosidl_py_gen.runtime.entities.message_types import raw_type
@@ -282,7 +281,6 @@ class ServerGoals:
         self._queue: deque[ServerGoal[Any]] = deque()
         self._expiry: asyncio.TimerHandle | None = None
         self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
-        self._statuses = StatusArray()
         self._status: Publisher[bytes] = Publisher(scope, raw_type(action_type.status), names.status, ACTION_STATUS)
         self._status_sender = DeferredSender(scope.loop_binding, self._status._publish_without_waiting)
         scope.register(self._status_sender)
@@ -310,7 +308,7 @@ class ServerGoals:
         return self._scope.loop_binding.run_on_loop(call)
 
     def _publish_statuses(self) -> None:
-        self._status_sender.add(self._statuses.message())
+        self._status_sender.add(self.table.status_message())
 
     # ---------------------------------------------------------------------------------------------- start and end
 
@@ -325,7 +323,6 @@ class ServerGoals:
         info = self.table.accept(goal.goal_id, self._clock.now_ns())
         assert info is not None, "the caller has rejected ids that are in use"
         goal._record.accepted_ns = info.stamp_ns
-        self._statuses.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
         self.active[goal.goal_id] = goal
         if decision is GoalDecision.ACCEPT:
             self._start_or_queue(goal)
@@ -389,14 +386,14 @@ class ServerGoals:
         if self._scope.closed:
             self._scope.require_open(True, f"action server {self._name}")
         data = self._type.encode_result(TERMINAL_STATUS_OF[event], result)
-        self.table.finish(goal_id, event, data, self._clock.now_ns())
-        self._statuses.set_status(goal_id, TERMINAL_STATUS_OF[event])
+        self.table.apply(goal_id, event)
         self._running.discard(goal_id)
         goal = self.active.pop(goal_id)
         if awaits_return:
             self.returning[goal_id] = (goal, event)
             goal._record.refuse_cancels()
         else:
+            self.table.retain(goal_id, data, self._clock.now_ns())
             goal._record.end(data)
         self._publish_statuses()
         if self._queue and not self._running:
@@ -418,11 +415,11 @@ class ServerGoals:
         status = GoalStatus.ABORTED if failed else TERMINAL_STATUS_OF[event]
         data = self._type.encode_result(status, result)
         del self.returning[goal.goal_id]
-        self.table.replace_result(goal.goal_id, data, status)
+        self.table.retain(goal.goal_id, data, self._clock.now_ns(), failed=failed)
         goal._record.end(data)
         if failed:
-            self._statuses.set_status(goal.goal_id, status)
             self._publish_statuses()
+        self.expire()
         return True
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
@@ -436,9 +433,7 @@ class ServerGoals:
 
     # ------------------------------------------------------------------------------------------------------ cancel
 
-    def cancel(
-        self, selection: CancelSelection, agreed: Collection[GoalInfo]
-    ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
+    def cancel(self, selection: CancelSelection, agreed: Collection[GoalInfo]) -> tuple[CancelCode, list[GoalInfo]]:
         """Cancel those selected goals whose cancellation the program has accepted.
 
         Args:
@@ -448,10 +443,12 @@ class ServerGoals:
         Returns:
             return code for the client, and the goals that are being cancelled.
         """
-        code, canceled = self.table.answer_cancel(selection, agreed)
+        canceled = [
+            info for info in selection.goals if info in agreed and self.table.status(info.goal_id).is_cancelable
+        ]
         for info in canceled:
             self._cancel(self.active[info.goal_id])
-        return code, canceled
+        return self.table.cancel_code(selection, any_canceled=bool(canceled)), canceled
 
     def _cancel(self, goal: ServerGoal[Any]) -> None:
         """Make a goal CANCELING and notify its execute function, which ends it; end a goal that has not started."""
@@ -463,7 +460,7 @@ class ServerGoals:
             self.finish(goal.goal_id, GoalEvent.CANCELED, None)
 
     def _change(self, goal_id: bytes, event: GoalEvent) -> None:
-        self._statuses.set_status(goal_id, self.table.apply(goal_id, event))
+        self.table.apply(goal_id, event)
         self._publish_statuses()
 
     # ------------------------------------------------------------------------------------------------------ expiry
@@ -473,8 +470,7 @@ class ServerGoals:
         if self._scope.closed:
             return
         now_ns = self._clock.now_ns()
-        if expired := self.table.expire(now_ns):
-            self._statuses.remove(expired)
+        self.table.expire(now_ns)
         # A running timer is never too late, because the time of the next expiry only increases.
         if self._expiry is None and not self._clock.ros_time_is_active:
             due_ns, loop = self.table.next_expiry_ns(), self._scope.loop_binding.loop

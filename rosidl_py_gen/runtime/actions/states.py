@@ -16,7 +16,7 @@ from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Mapping
 
     from rosidl_py_gen.runtime.transport.api import Payload
 
@@ -173,6 +173,27 @@ class CancelCode(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class GoalRules:
+    """Rules of a `GoalTable` that differ between the action servers of this package and of rclpy.
+
+    The two servers also call callbacks in different ways, which docs/internals/architecture.md lists.
+
+    Attributes:
+        code_of_refusal: return code of a cancel request if the program refuses every goal that can still be cancelled.
+        code_of_ended_goal: return code of a cancel request for one goal that ends while the program decides.
+    """
+
+    code_of_refusal: CancelCode
+    code_of_ended_goal: CancelCode
+
+
+RULES = GoalRules(CancelCode.REJECTED, CancelCode.GOAL_TERMINATED)
+"""Rules of `ActionServer`: as in rclcpp, a client learns that a cancel request had no effect."""
+RCLPY_RULES = GoalRules(CancelCode.NONE, CancelCode.NONE)
+"""Rules of rclpy's `ActionServer`: rclpy replies 0 with an empty list, which a client takes for success."""
+
+
+@dataclass(frozen=True, slots=True)
 class GoalInfo:
     """Id of a goal, and the time of its acceptance."""
 
@@ -205,16 +226,22 @@ class _Goal(Generic[ResultT]):
 class GoalTable(Generic[ResultT]):
     """Goals of an action server with status and result, in the order of acceptance.
 
+    A goal ends by an event. Its result timeout starts with `retain`, because an execute function may end its goal first
+    and return the result afterwards.
+
     Args:
-        result_timeout_ns: time from the end of a goal until `expire` removes it; None: never. rcl before Kilted counts
-            from the acceptance, and removes the result of a long goal before a client can request it.
+        result_timeout_ns: time from `retain` until `expire` removes a goal; None: never. rcl before Kilted counts from
+            the acceptance, and removes the result of a long goal before a client can request it.
+        rules: rules of the server.
     """
 
-    def __init__(self, result_timeout_ns: int | None) -> None:
+    def __init__(self, result_timeout_ns: int | None, rules: GoalRules = RULES) -> None:
         self.result_timeout_ns = result_timeout_ns
+        self.rules = rules
         self._goals: dict[bytes, _Goal[ResultT]] = {}
-        # Time at which each finished goal ended, oldest first, so that `expire` need not iterate over all goals.
-        self._ended_ns: dict[bytes, int] = {}
+        # Time from which each result is retained, oldest first, so that `expire` need not iterate over all goals.
+        self._retained_ns: dict[bytes, int] = {}
+        self._rows = StatusArray()
 
     def __len__(self) -> int:
         return len(self._goals)
@@ -228,6 +255,7 @@ class GoalTable(Generic[ResultT]):
             return None
         info = GoalInfo(goal_id, now_ns)
         self._goals[goal_id] = _Goal(info)
+        self._rows.add(goal_id, now_ns, GoalStatus.ACCEPTED)
         return info
 
     def status(self, goal_id: bytes) -> GoalStatus:
@@ -235,42 +263,50 @@ class GoalTable(Generic[ResultT]):
         goal = self._goals.get(goal_id)
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
+    def status_message(self) -> bytes:
+        """Return the serialized GoalStatusArray of all goals."""
+        return self._rows.message()
+
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
-        """Apply an event that does not end a goal, and return its new status.
+        """Apply an event to a goal, and return its new status; after the end of the goal, call `retain`.
 
         Raises:
             UnknownGoalError: the goal is not in the table.
             GoalTransitionError: the event is not possible in the status of the goal.
         """
-        goal = self._find(goal_id)
-        assert event not in TERMINAL_STATUS_OF, "use finish"
-        status = next_goal_status(goal.status, event)
-        goal.status = status
-        return status
-
-    def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> None:
-        """Apply an event that ends a goal, and store its result and the time of its end.
-
-        Raises:
-            UnknownGoalError: the goal is not in the table.
-            GoalTransitionError: the event is not possible in the status of the goal.
-        """
-        goal = self._find(goal_id)
-        assert event in TERMINAL_STATUS_OF, "use apply"
-        goal.status, goal.result = next_goal_status(goal.status, event), result
-        if next(reversed(self._ended_ns.values()), now_ns) > now_ns:
-            # The clock has jumped back: results must not be retained until it has caught up.
-            self._ended_ns = {key: min(ended_ns, now_ns) for key, ended_ns in self._ended_ns.items()}
-        self._ended_ns[goal_id] = now_ns
-
-    def replace_result(self, goal_id: bytes, result: ResultT, status: GoalStatus) -> None:
-        """Replace result and status of a goal that has ended; has no effect if the goal has expired."""
         goal = self._goals.get(goal_id)
-        if goal is not None:
-            goal.status, goal.result = status, result
+        if goal is None:
+            raise UnknownGoalError(f"goal {goal_id.hex()} is unknown, or its result has expired")
+        goal.status = next_goal_status(goal.status, event)
+        self._rows.set_status(goal_id, goal.status)
+        return goal.status
+
+    def retain(self, goal_id: bytes, result: ResultT, now_ns: int, *, failed: bool = False) -> None:
+        """Store the result of a goal that has ended, and start its result timeout, unless it has started before.
+
+        The method has no effect if the goal is not in the table.
+
+        Args:
+            goal_id: id of the goal.
+            result: result of the goal.
+            now_ns: current time.
+            failed: the execute function raised after it had ended the goal; the status becomes ABORTED.
+        """
+        goal = self._goals.get(goal_id)
+        if goal is None:
+            return
+        assert goal.status >= GoalStatus.SUCCEEDED, "the goal has not ended"
+        goal.result = result
+        if failed:
+            goal.status = GoalStatus.ABORTED
+            self._rows.set_status(goal_id, goal.status)
+        if next(reversed(self._retained_ns.values()), now_ns) > now_ns:
+            # The clock has jumped back: results must not be retained until it has caught up.
+            self._retained_ns = {key: min(retained_ns, now_ns) for key, retained_ns in self._retained_ns.items()}
+        self._retained_ns.setdefault(goal_id, now_ns)
 
     def result(self, goal_id: bytes) -> ResultT | None:
-        """Return the result of a goal; None if it has not ended, or is not in the table."""
+        """Return the result of a goal; None before `retain`, or if the goal is not in the table."""
         goal = self._goals.get(goal_id)
         return None if goal is None else goal.result
 
@@ -294,49 +330,48 @@ class GoalTable(Generic[ResultT]):
         ]
         return CancelSelection(CancelCode.NONE, tuple(selected))
 
-    def answer_cancel(
-        self, selection: CancelSelection, agreed: Collection[GoalInfo]
-    ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
-        """Return the return code of a cancel request, and the goals to cancel, once the program has decided.
+    def cancel_code(self, selection: CancelSelection, *, any_canceled: bool) -> CancelCode:
+        """Return the return code of a cancel request, once the program has decided and the goals are CANCELING.
 
-        A goal that has ended during the decision counts as if it had ended before. The code is REJECTED if the program
-        refused all goals that can still be cancelled, as in rclcpp; rclpy returns 0, which a client takes for success.
+        A goal that has ended during the decision counts as if it had ended before.
 
         Args:
             selection: goals that the cancel request selects.
-            agreed: goals whose cancellation the program has accepted.
+            any_canceled: the request cancels at least one goal.
         """
-        left = [info for info in selection.goals if self.status(info.goal_id).is_cancelable]
-        canceled = tuple(info for info in left if info in agreed)
-        if selection.goals and not left and selection.by_id:
-            return CancelCode.GOAL_TERMINATED, ()
-        return CancelCode.REJECTED if left and not canceled else selection.code, canceled
+        if any_canceled or not selection.goals:
+            return selection.code
+        if any(self.status(info.goal_id).is_cancelable for info in selection.goals):
+            return self.rules.code_of_refusal
+        return self.rules.code_of_ended_goal if selection.by_id else CancelCode.NONE
 
     def expire(self, now_ns: int) -> list[bytes]:
         """Remove finished goals whose result timeout is over; return their ids."""
         timeout_ns, expired = self.result_timeout_ns, []
         if timeout_ns is not None:
-            for goal_id, ended_ns in self._ended_ns.items():
-                if 0 < timeout_ns >= now_ns - ended_ns:
-                    break  # all others have ended later
+            for goal_id, retained_ns in self._retained_ns.items():
+                if 0 < timeout_ns >= now_ns - retained_ns:
+                    break  # all others are retained since a later time
                 expired.append(goal_id)
         for goal_id in expired:
-            del self._goals[goal_id], self._ended_ns[goal_id]
+            del self._goals[goal_id], self._retained_ns[goal_id]
+        if expired:
+            self._rows.remove(expired)
         return expired
+
+    def remove(self, goal_id: bytes) -> None:
+        """Remove a goal in any status; has no effect if it is not in the table."""
+        if self._goals.pop(goal_id, None) is not None:
+            self._retained_ns.pop(goal_id, None)
+            self._rows.remove([goal_id])
 
     def next_expiry_ns(self) -> int | None:
         """Return the time at which the next finished goal expires; None if no goal will expire."""
         if self.result_timeout_ns is None:
             return None
-        for ended_ns in self._ended_ns.values():
-            return ended_ns + max(self.result_timeout_ns, 0) + 1
+        for retained_ns in self._retained_ns.values():
+            return retained_ns + max(self.result_timeout_ns, 0) + 1
         return None
-
-    def _find(self, goal_id: bytes) -> _Goal[ResultT]:
-        goal = self._goals.get(goal_id)
-        if goal is None:
-            raise UnknownGoalError(f"goal {goal_id.hex()} is unknown, or its result has expired")
-        return goal
 
 
 _ROW = struct.Struct("<16s3xiIB")

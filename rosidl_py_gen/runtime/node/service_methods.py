@@ -182,7 +182,8 @@ class ServiceMethods(NodeBase):
             cancel_callback: True accepts every cancel request, False refuses; a function gets the `ServerGoal`, and
                 refuses with a false value other than None. A handler that does not check `goal.is_cancel_requested`
                 runs to its end.
-            result_timeout_s: time for which a result is retained after the end of its goal; `math.inf` forever.
+            result_timeout_s: time for which a result is retained after the end of its goal, or after `execute` returns
+                the result of a goal that it has ended before; `math.inf` forever.
             goal_policy: ``"parallel"`` runs all goals concurrently. The others run one goal at a time: ``"reject"``
                 rejects further ones, ``"queue"`` runs them later, ``"preempt"`` cancels the running one. A deferred
                 goal is queued when `execute` is called; `goal.started()` waits for its start.

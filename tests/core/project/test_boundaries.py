@@ -53,11 +53,6 @@ SHARED_IN_RUNTIME = {
 }
 # The same for bags: what readers and writers have for copies, which keep every record, and users do not see.
 SHARED_IN_BAGS = {
-    "_files",
-    "_metadata",
-    "_stored_channels",
-    "_read_unindexed",
-    "_messages_as_stored",
     "_inherit",
     "_omitted",
     "_statistics",
@@ -65,37 +60,13 @@ SHARED_IN_BAGS = {
     "_copy_metadata",
     "_copy_attachment",
 }
-# The same for the shim: what entities have for executors, where every public name would be one of rclpy's.
+# The same for the shim: names of rclpy that its own modules share. Our names for other modules begin with `rosidl_`.
 SHARED_IN_SHIM = {
-    "_rosidl_destroy_clock",
-    "_rosidl_destroy_subscription",
-    "_rosidl_forget",
-    "_rosidl_on_destroy",
-    "_rosidl_task",
     "_executor_event",
-    "_rosidl_endpoints",
-    "_rosidl_replaced_take",
-    "_rosidl_take_method",
-    "_rosidl_take_arguments",
-    "_rosidl_take_request",
-    "_rosidl_context",
-    "_rosidl_from_runtime",
-    "_rosidl_has_one_thread",
-    "_goal_info",
-    "_rosidl_is_dispatched",
-    "_rosidl_is_ready",
-    "_rosidl_queue",
-    "_rosidl_entity_lists",
-    "_pending",
-    "_rosidl_publish_feedback",
-    "_rosidl_publish_status",
-    "_rosidl_queues",
     "_set_executor",
     "_set_ros_time_is_active",
-    "_rosidl_take",
     "_timer",
     "_TYPE_SUPPORT",
-    "_update_state",
 }
 # Functions of the standard library that are public in spite of their names.
 # The last two are in asyncio.__all__, for those who write event loops.

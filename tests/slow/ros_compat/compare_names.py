@@ -138,7 +138,8 @@ def more() -> Iterator[str]:
                 cls = getattr(importlib.import_module(module_name), name)
                 own = {one for base in cls.__mro__ if base.__module__.startswith("rclpy") for one in vars(base)}
                 known = members_of(module_name, name)
-                added = (f"{module_name}.{name}.{one}" for one in sorted(own - known) if not one.startswith("_"))
+                extra = (one for one in sorted(own - known) if not one.startswith(("_", "rosidl_")))
+                added = (f"{module_name}.{name}.{one}" for one in extra)
                 yield from (path for path in added if path not in LYRICAL)
 
 

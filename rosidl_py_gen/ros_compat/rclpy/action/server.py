@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import threading
 import traceback
 import weakref
@@ -22,7 +21,6 @@ from rclpy.executors import await_or_execute
 from rclpy.impl.action_endpoints import ActionWaitable
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.task import Future
-from rclpy.time import Time
 from rclpy.type_support import check_for_type_support
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import EncodeError, runtime
@@ -34,10 +32,6 @@ if TYPE_CHECKING:
     from rclpy.waitable import WaitSet
 
 GoalEvent = runtime.GoalEvent
-_CANCELABLE = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
-# Return codes of action_msgs/CancelGoal.
-_UNKNOWN_GOAL_ID = 2
-_GOAL_TERMINATED = 3
 
 
 class GoalResponse(Enum):
@@ -57,16 +51,22 @@ class CancelResponse(Enum):
 class ServerGoalHandle(Subscriptable):
     """Goal that an action server has accepted.
 
-    `succeed`, `abort` and `canceled` end the goal; its result is the value that the execute callback returns.
+    `succeed`, `abort` and `canceled` end the goal; its result is the value that the execute callback returns. The
+    status of the goal is in the `GoalTable` of the server.
+
+    Raises:
+        RCLError: the server has a goal with the same id.
     """
 
     def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
         self._action_server = action_server
         self._goal_info = goal_info
         self._goal_request = goal_request
-        self._rosidl_status: runtime.GoalStatus = runtime.GoalStatus.ACCEPTED
+        self._rosidl_key = bytes(goal_info.goal_id.uuid)
         self._rosidl_is_destroyed = False
-        self._lock = threading.RLock()
+        with action_server._lock:
+            if action_server._rosidl_goals.accept(self._rosidl_key, _nanoseconds(goal_info.stamp)) is None:
+                raise RCLError(f"Failed to accept goal: goal {self._rosidl_key.hex()} exists already")
 
     def __eq__(self, other: object) -> bool:
         return bool(self.goal_id == other.goal_id) if isinstance(other, ServerGoalHandle) else NotImplemented
@@ -83,8 +83,7 @@ class ServerGoalHandle(Subscriptable):
     @property
     def is_active(self) -> bool:
         """True if the goal has not ended."""
-        with self._lock:
-            return not self._rosidl_is_destroyed and self._rosidl_status.is_active
+        return self._rosidl_status.is_active
 
     @property
     def is_cancel_requested(self) -> bool:
@@ -94,21 +93,27 @@ class ServerGoalHandle(Subscriptable):
     @property
     def status(self) -> int:
         """Status of the goal, a number of action_msgs/GoalStatus; STATUS_UNKNOWN after `destroy`."""
-        with self._lock:
-            return int(runtime.GoalStatus.UNKNOWN if self._rosidl_is_destroyed else self._rosidl_status)
+        return int(self._rosidl_status)
+
+    @property
+    def _rosidl_status(self) -> runtime.GoalStatus:
+        with self._action_server._lock:  # another goal may get the id of a destroyed one
+            goals = self._action_server._rosidl_goals
+            return runtime.GoalStatus.UNKNOWN if self._rosidl_is_destroyed else goals.status(self._rosidl_key)
 
     def _update_state(self, event: runtime.GoalEvent) -> None:
-        with self._lock:
+        server = self._action_server
+        with server._lock:
             if self._rosidl_is_destroyed:
                 return
             try:
-                self._rosidl_status = runtime.next_goal_status(self._rosidl_status, event)
-            except runtime.GoalTransitionError as error:
+                status = server._rosidl_goals.apply(self._rosidl_key, event)
+            except (runtime.GoalTransitionError, runtime.UnknownGoalError) as error:
                 raise RCLError(f"Failed to update goal state: {error}") from error
-            has_ended = not self._rosidl_status.is_active
-        self._action_server._rosidl_publish_status()
-        if has_ended:
-            self._action_server.notify_goal_done()
+        server._rosidl_publish_status()
+        if status.is_terminal:
+            server._rosidl_retain(self)
+            server.notify_goal_done()
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
         """Schedule the execution of the goal, with the given callback or the execute callback of the server."""
@@ -153,8 +158,10 @@ class ServerGoalHandle(Subscriptable):
 
     def destroy(self) -> None:
         """Invalidate the goal: its status is unknown, and feedback is ignored."""
-        with self._lock:
-            self._rosidl_is_destroyed = True
+        with self._action_server._lock:
+            if not self._rosidl_is_destroyed:
+                self._rosidl_is_destroyed = True
+                self._action_server._rosidl_goals.remove(self._rosidl_key)
 
 
 def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
@@ -215,11 +222,13 @@ class ActionServer(ActionWaitable):
         if execute_callback is not None:
             self.register_execute_callback(execute_callback)
         super().__init__(node, action_type, action_name, callback_group, "action_server")
-        self._rosidl_result_timeout_ns = _to_timeout_ns(result_timeout)
+        self._lock = threading.RLock()
+        self._rosidl_goals: rules.GoalTable[None] = rules.GoalTable(_to_timeout_ns(result_timeout), rules.RCLPY_RULES)
+        """States of the goals. Lock: _lock must be held. The results are in the futures."""
+        self._rosidl_publishing_lock = threading.RLock()
+        """Lock for publishing the states: the messages are sent in the order of the changes."""
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future[Any]] = {}
-        self._rosidl_end_times_ns: dict[bytes, int] = {}
-        """Goal id -> time from which its result is retained: the end of the goal or of its execute callback."""
         self._rosidl_executing: set[bytes] = set()
         """Ids of goals whose execute callbacks have not returned the result yet."""
         self._rosidl_has_expiry_timer = False
@@ -244,27 +253,33 @@ class ActionServer(ActionWaitable):
         key = bytes(goal_id.uuid)
         info = GoalInfo(goal_id=goal_id)
         accepted = False
-        if key not in self._goal_handles:
+        if key not in self._rosidl_goals:
             decision = await await_or_execute(self._goal_callback, request.message.goal)
             accepted = decision == GoalResponse.ACCEPT
             if not isinstance(decision, GoalResponse):
                 self._logger.warning("Goal request callback did not return a GoalResponse type. Rejecting goal.")
         if accepted:
             info.stamp = self._node.get_clock().now().to_msg()
-            self._goal_handles[key] = ServerGoalHandle(self, info, request.message.goal)
-            self._result_futures[key] = Future()
-            self.add_future(self._result_futures[key])
+            try:
+                goal = ServerGoalHandle(self, info, request.message.goal)
+            except RCLError as error:  # a request with the same id was accepted during the callback
+                self._logger.error(str(error))
+                accepted = False
+            else:
+                self._goal_handles[key] = goal
+                self._result_futures[key] = Future()
+                self.add_future(self._result_futures[key])
         response = self._action_type.Impl.SendGoalService.Response(accepted=accepted, stamp=info.stamp)
         if not self._rosidl_respond(request, response, "goal") or not accepted:
             return
         self._rosidl_publish_status()
-        await await_or_execute(self._handle_accepted_callback, self._goal_handles[key])
+        await await_or_execute(self._handle_accepted_callback, goal)
 
     def _rosidl_respond(self, request: Any, response: Any, kind: str) -> bool:
         try:
-            with self._rosidl_endpoints:
+            with self._rosidl_endpoints.in_use():
                 request.respond(response)
-        except (RCLError, runtime.ClosedError):
+        except RCLError:
             self._logger.warn(f"Failed to send {kind} response (the client may have gone away)")
             return False
         return True
@@ -276,6 +291,7 @@ class ActionServer(ActionWaitable):
             await self._rosidl_execute_goal(execute_callback, goal_handle)
         finally:
             self._rosidl_executing.discard(key)
+            self._rosidl_retain(goal_handle)
             self.notify_goal_done()
 
     async def _rosidl_execute_goal(self, execute_callback: Callable[[Any], Any], goal_handle: ServerGoalHandle) -> None:
@@ -313,31 +329,20 @@ class ActionServer(ActionWaitable):
             return kind()
 
     async def _execute_cancel_request(self, request: Any) -> None:
-        response = self._action_type.Impl.CancelGoalService.Response()
-        response.return_code, keys = self._rosidl_find_goals_to_cancel(request.message.goal_info)
-        for key in keys:
-            goal = self._goal_handles[key]
-            if await await_or_execute(self._cancel_callback, goal) != CancelResponse.ACCEPT:
+        info = request.message.goal_info
+        with self._lock:
+            selection = self._rosidl_goals.select_for_cancel(bytes(info.goal_id.uuid), _nanoseconds(info.stamp))
+        canceled = []
+        for one in selection.goals:
+            goal = self._goal_handles.get(one.goal_id)  # None: the program made the handle, or the result has expired
+            if goal is None or await await_or_execute(self._cancel_callback, goal) != CancelResponse.ACCEPT:
                 continue
             with contextlib.suppress(RCLError):  # the goal ended during the callback
                 goal._update_state(GoalEvent.CANCEL_GOAL)
-                response.goals_canceling.append(goal._goal_info)
+                canceled.append(goal._goal_info)
+        code = self._rosidl_goals.cancel_code(selection, any_canceled=bool(canceled))
+        response = self._action_type.Impl.CancelGoalService.Response(return_code=int(code), goals_canceling=canceled)
         self._rosidl_respond(request, response, "cancel")
-
-    def _rosidl_find_goals_to_cancel(self, info: Any) -> tuple[int, list[bytes]]:
-        """Return the return code and the goals of a cancel request: one goal, goals up to a time, or all goals."""
-        requested_key, latest_stamp = bytes(info.goal_id.uuid), Time.from_msg(info.stamp)
-        if any(requested_key) and latest_stamp.nanoseconds == 0:
-            goal = self._goal_handles.get(requested_key)
-            if goal is None:
-                return _UNKNOWN_GOAL_ID, []
-            return (0, [requested_key]) if goal.status in _CANCELABLE else (_GOAL_TERMINATED, [])
-
-        def is_selected(key: bytes, goal: ServerGoalHandle) -> bool:
-            is_early_enough = latest_stamp.nanoseconds == 0 or Time.from_msg(goal._goal_info.stamp) <= latest_stamp
-            return goal.status in _CANCELABLE and (is_early_enough or key == requested_key)
-
-        return 0, [key for key, goal in list(self._goal_handles.items()) if is_selected(key, goal)]
 
     async def _execute_get_result_request(self, request: Any) -> None:
         future = self._result_futures.get(bytes(request.message.goal_id.uuid))
@@ -357,50 +362,58 @@ class ActionServer(ActionWaitable):
             self._rosidl_respond(request, response, "result")
 
     def _rosidl_publish_status(self) -> None:
-        goals = list(self._goal_handles.values())
-        states = [GoalStatus(goal_info=goal._goal_info, status=goal.status) for goal in goals]
-        with self._rosidl_endpoints:
-            self._rosidl_status.publish(self._action_type.Impl.GoalStatusMessage(status_list=states))
+        with self._rosidl_endpoints.in_use(), self._rosidl_publishing_lock:
+            with self._lock:
+                states = self._rosidl_goals.status_message()
+            self._rosidl_status.publish_raw(states)
 
     def _rosidl_publish_feedback(self, goal_id: Any, feedback: Any) -> None:
-        with self._rosidl_endpoints:
+        with self._rosidl_endpoints.in_use():
             self._rosidl_feedback.publish(self._action_type.Impl.FeedbackMessage(goal_id=goal_id, feedback=feedback))
 
-    def _rosidl_find_expired_goals(self) -> list[bytes]:
-        """Return the ids of the goals whose result timeout is over."""
-        if not self._rosidl_end_times_ns:
-            return []
-        last_ns = self._node.get_clock().now().nanoseconds - self._rosidl_result_timeout_ns
-        return [key for key, _ in itertools.takewhile(lambda end: end[1] <= last_ns, self._rosidl_end_times())]
+    def _rosidl_expire_goals(self) -> None:
+        """Destroy the goals whose result timeout is over."""
+        with self._lock:
+            for key in self._rosidl_goals.expire(self._rosidl_now_ns()):
+                goal = self._goal_handles.pop(key, None)
+                if goal is not None:  # None: the program made the handle
+                    goal.destroy()
+                    self.remove_future(self._result_futures.pop(key))
 
-    def _rosidl_end_times(self) -> list[tuple[bytes, int]]:
-        return list(self._rosidl_end_times_ns.items())
+    def _rosidl_has_expired_goal(self) -> bool:
+        with self._lock:
+            due_ns = self._rosidl_goals.next_expiry_ns()
+        return due_ns is not None and due_ns <= self._rosidl_now_ns()
+
+    def _rosidl_now_ns(self) -> int:
+        return self._node.get_clock().now().nanoseconds
 
     def _rosidl_schedule_expiry(self) -> None:
         """Start a timer that wakes up the executors when the next result expires. Thread: any."""
-        ends = self._rosidl_end_times()
-        if self._rosidl_has_expiry_timer or not ends:
+        with self._lock:
+            due_ns = self._rosidl_goals.next_expiry_ns()
+        if self._rosidl_has_expiry_timer or due_ns is None:
             return
-        delay_ns = ends[0][1] + self._rosidl_result_timeout_ns - self._node.get_clock().now().nanoseconds
+        delay_ns = due_ns - self._rosidl_now_ns()
         loop = self._rosidl_endpoints.context.loop_runner.loop
         wake = partial(_wake_for_expiry, weakref.ref(self))
         with contextlib.suppress(RuntimeError):  # the context is closed
             loop.call_soon_threadsafe(loop.call_later, max(delay_ns / 10**9, 0.0) + 0.001, wake)
             self._rosidl_has_expiry_timer = True
 
-    def _rosidl_remove_goal(self, key: bytes) -> None:
-        goal = self._goal_handles.pop(key, None)
-        self._rosidl_end_times_ns.pop(key, None)
-        if goal is not None:  # None: another thread has removed it
-            goal.destroy()
-            self.remove_future(self._result_futures.pop(key))
+    def _rosidl_on_expiry_timer(self) -> None:
+        self._rosidl_has_expiry_timer = False
+        self._rosidl_endpoints.context.notify()
+
+    def _rosidl_retain(self, goal: ServerGoalHandle) -> None:
+        """Start the result timeout of a goal that has ended, unless its execute callback still runs."""
+        now_ns = self._rosidl_now_ns()
+        with self._lock:
+            if goal._rosidl_status.is_terminal and goal._rosidl_key not in self._rosidl_executing:
+                self._rosidl_goals.retain(goal._rosidl_key, None, now_ns)
 
     def notify_goal_done(self) -> None:
-        """Start the result timeout of goals that have ended, unless their execute callbacks still run."""
-        now_ns = self._node.get_clock().now().nanoseconds
-        for key, goal in list(self._goal_handles.items()):
-            if not goal.is_active and key not in self._rosidl_executing:
-                self._rosidl_end_times_ns.setdefault(key, now_ns)
+        """Make executors check for expired results again, because a goal has ended."""
         self._rosidl_schedule_expiry()
         self._rosidl_endpoints.context.notify()
 
@@ -427,14 +440,13 @@ class ActionServer(ActionWaitable):
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         has_request = any(service.is_ready for service in self._rosidl_services.values())
-        return has_request or bool(self._rosidl_find_expired_goals())
+        return has_request or self._rosidl_has_expired_goal()
 
     def take_data(self) -> dict[str, Any]:
-        """Return a dict with one request of each kind (``goal``, ``cancel``, ``result``), and the ``expired`` goals."""
+        """Return a dict with one request of each kind that arrived: ``goal``, ``cancel``, ``result``."""
         with self._rosidl_endpoints:
             items = {kind: service.take() for kind, service in self._rosidl_services.items()}
-        requests = {kind: request for kind, request in items.items() if request is not None}
-        return requests | {"expired": self._rosidl_find_expired_goals()}
+        return {kind: request for kind, request in items.items() if request is not None}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
         if "goal" in taken_data:
@@ -443,9 +455,7 @@ class ActionServer(ActionWaitable):
             await self._execute_cancel_request(taken_data["cancel"])
         if "result" in taken_data:
             await self._execute_get_result_request(taken_data["result"])
-        for key in taken_data["expired"]:
-            if key in self._goal_handles:
-                self._rosidl_remove_goal(key)
+        self._rosidl_expire_goals()  # not earlier, as the request may be for a result that expires now
         self._rosidl_schedule_expiry()
 
     def get_num_entities(self) -> NumberOfEntities:
@@ -478,6 +488,10 @@ class ActionServer(ActionWaitable):
         super().destroy()
 
 
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
 def _to_timeout_ns(result_timeout: float) -> int:
     """Return a result timeout in nanoseconds.
 
@@ -499,5 +513,4 @@ def _wake_for_expiry(reference: weakref.ref[ActionServer]) -> None:
     """Make executors check an action server for expired results. Thread: loop."""
     server = reference()
     if server is not None:
-        server._rosidl_has_expiry_timer = False
-        server._rosidl_endpoints.context.notify()
+        server._rosidl_on_expiry_timer()

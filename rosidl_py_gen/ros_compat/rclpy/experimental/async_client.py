@@ -33,11 +33,11 @@ class AsyncClient(BaseClient):
     ) -> None:
         super().__init__(context, client_impl, srv_type, srv_name, qos_profile, on_destroy=on_destroy)
         self._rosidl_calls: set[asyncio.Future[Any]] = set()
-        self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
+        self.rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     def destroy(self) -> None:
         """Destroy the client, and cancel calls that wait for a response."""
-        self._rosidl_task.cancel()
+        self.rosidl_task.cancel()
         super().destroy()
         for future in tuple(self._rosidl_calls):
             future.cancel()

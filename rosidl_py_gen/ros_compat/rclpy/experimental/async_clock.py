@@ -50,7 +50,7 @@ class AsyncClock(BaseClock):
             elif end is not None and now is not None and now >= end:
                 _call_in_loop(future, _resolve)
 
-    def _rosidl_destroy_clock(self) -> None:
+    def rosidl_destroy_clock(self) -> None:
         """Cancel all sleeps of the clock, and refuse new sleeps."""
         if self._rosidl_is_destroyed:
             return

@@ -99,7 +99,7 @@ class AsyncNode(BaseNode):
         self._rosidl_entered_context.start_loop_thread()
         for entity in tuple(self._rosidl_entities):
             if not isinstance(entity, AsyncPublisher):
-                entity._rosidl_task.start(self._rosidl_task_group)
+                entity.rosidl_task.start(self._rosidl_task_group)
         return self
 
     async def __aexit__(
@@ -129,7 +129,7 @@ class AsyncNode(BaseNode):
         self._rosidl_destroyed.set()
         for entity in tuple(self._rosidl_entities):
             entity.destroy()
-        self._rosidl_clock._rosidl_destroy_clock()
+        self._rosidl_clock.rosidl_destroy_clock()
         super().destroy_node()
 
     async def wait_for_node(self, fully_qualified_node_name: str, *, check_interval: float = 0.1) -> None:
@@ -249,5 +249,5 @@ class AsyncNode(BaseNode):
     def _rosidl_start(self, entity: _E) -> _E:
         self._rosidl_entities.add(entity)
         if self._rosidl_task_group is not None:
-            entity._rosidl_task.start(self._rosidl_task_group)
+            entity.rosidl_task.start(self._rosidl_task_group)
         return entity

@@ -33,12 +33,12 @@ class AsyncService(BaseService):
     ) -> None:
         super().__init__(service_impl, srv_type, srv_name, callback, qos_profile, on_destroy=on_destroy)
         self._rosidl_is_concurrent = concurrent
-        self._rosidl_arrivals = Arrivals(service_impl, self._rosidl_take_request)
-        self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
+        self._rosidl_arrivals = Arrivals(service_impl, self.rosidl_take_request)
+        self.rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     def destroy(self) -> None:
         """Destroy the service, and cancel the running callback, whose request gets no response."""
-        self._rosidl_task.cancel()
+        self.rosidl_task.cancel()
         super().destroy()
 
     async def _rosidl_run(self) -> None:

@@ -33,12 +33,12 @@ class AsyncSubscription(BaseSubscription):
     ) -> None:
         super().__init__(subscription_impl, msg_type, topic, callback, qos_profile, raw, on_destroy=on_destroy)
         self._rosidl_is_concurrent = concurrent
-        self._rosidl_arrivals = Arrivals(subscription_impl, self._rosidl_take_arguments)
-        self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
+        self._rosidl_arrivals = Arrivals(subscription_impl, self.rosidl_take_arguments)
+        self.rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     def destroy(self) -> None:
         """Destroy the subscription, and cancel the running callback."""
-        self._rosidl_task.cancel()
+        self.rosidl_task.cancel()
         super().destroy()
 
     async def _rosidl_run(self) -> None:

@@ -35,7 +35,7 @@ class AsyncTimer(BaseTimer):
         self._rosidl_change = asyncio.Event()
         self._rosidl_loop: asyncio.AbstractEventLoop | None = None
         super().__init__(callback, timer_period_ns, clock, on_destroy=on_destroy, context=context, autostart=autostart)
-        self._rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
+        self.rosidl_task = EntityTask(self._rosidl_run, self.destroy, tg)
 
     @property
     def callback(self) -> Callable[..., Any]:
@@ -55,7 +55,7 @@ class AsyncTimer(BaseTimer):
 
     def destroy(self) -> None:
         """Destroy the timer, and cancel the running callback."""
-        self._rosidl_task.cancel()
+        self.rosidl_task.cancel()
         super().destroy()
 
     def cancel(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.handles import ContextHandle, Destroyable
 from rclpy.type_support import check_for_type_support
 from rclpy.waitable import Waitable
@@ -54,6 +55,15 @@ class ActionEndpoints(Destroyable):
         for endpoint in self._endpoints:
             if isinstance(endpoint, (runtime.Client, runtime.ServiceServer)):
                 endpoint.configure_introspection(clock, qos, state)
+
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Return a context manager that prevents the destruction, and raises RCLError after a shutdown."""
+        with self:
+            try:
+                yield
+            except runtime.ClosedError as error:
+                raise RCLError(str(error)) from error
 
     @contextlib.contextmanager
     def closing_on_error(self) -> Iterator[ActionEndpoints]:

@@ -26,7 +26,7 @@ class Entity(Generic[E]):
 
     def __init__(self, handle: Handle[E], on_destroy: Callable[[Any], None] | None = None) -> None:
         self._rosidl_handle = handle
-        self._rosidl_on_destroy = on_destroy
+        self.rosidl_on_destroy = on_destroy
 
     @property
     def handle(self) -> Handle[E]:
@@ -40,7 +40,7 @@ class Entity(Generic[E]):
 
     def destroy(self) -> None:
         """Destroy the entity; programs should use the methods of `Node` such as `destroy_publisher`."""
-        on_destroy, self._rosidl_on_destroy = self._rosidl_on_destroy, None
+        on_destroy, self.rosidl_on_destroy = self.rosidl_on_destroy, None
         if on_destroy is not None:
             on_destroy(self)
         self.handle.destroy_when_not_in_use()
@@ -96,7 +96,7 @@ class ServiceEntity(Entity[E]):
         on_destroy: Callable[[Any], None] | None = None,
     ) -> None:
         super().__init__(handle, on_destroy)
-        self._rosidl_is_ready = handle.is_ready
+        self.rosidl_is_ready = handle.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.qos_profile = qos

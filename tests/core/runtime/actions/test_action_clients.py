@@ -11,7 +11,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fibonacci_action import Fibonacci, feedback, fibonacci, goal, pair, result, served_in_thread, until_canceled
+from fibonacci_action import (
+    Fibonacci,
+    feedback,
+    fibonacci,
+    goal,
+    known_goals,
+    pair,
+    result,
+    result_client,
+    retained_goal_count,
+    served_in_thread,
+    until_canceled,
+)
 from support.waiting import run, until
 from support.worlds import World, entity
 
@@ -119,7 +131,7 @@ async def test_goal_is_not_sent_until_all_server_endpoints_are_connected(world: 
     with pytest.raises(ActionTimeoutError, match=r"no server appeared in 0\.2 s at /fib/_action/cancel_goal") as e:
         await client.send_goal(goal(), timeout_s=0.2)
     assert "/fib/_action/feedback" in str(e.value) and "send_goal" not in str(e.value)
-    assert served == [] and client._goals == {}
+    assert served == [] and known_goals(client) == {}
     with pytest.raises(EncodeError):
         await client.send_goal(goal(2**40))  # raised at once, without a server
     with pytest.raises(TypeError, match="expected a Fibonacci_Goal"):
@@ -143,7 +155,7 @@ async def test_unknown_reply_from_another_server_is_ignored(world: World) -> Non
         return Fibonacci.GetResult.Response()
 
     second_server = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
-    await until(lambda: len(client._result.client._servers()) == 2)
+    await until(lambda: len(result_client(client)._servers()) == 2)
     handle = await client.send_goal(goal(), timeout_s=5)
     status, got = await handle.result(timeout_s=5)
     assert (status, list(got.sequence), len(asked)) == (S.SUCCEEDED, [5], 1)
@@ -193,7 +205,7 @@ async def test_invalid_goal_id_is_refused(world: World, goal_id: Any, error: typ
         await client.send_goal(goal(), goal_id=goal_id)
     with pytest.raises(error, match=words):
         await client.cancel_goal(goal_id)
-    assert list(client._goals) == [running.goal_id] and not running.is_done
+    assert list(known_goals(client)) == [running.goal_id] and not running.is_done
 
 
 async def test_cancel_before_refuses_zero_stamp(world: World) -> None:
@@ -264,7 +276,7 @@ async def test_invalid_timeouts_raise_and_leave_no_pending_requests(
     for call in calls:
         with pytest.raises(error, match="timeout_s must be"):
             await call()
-    assert list(client._goals) == [handle.goal_id]
+    assert list(known_goals(client)) == [handle.goal_id]
     assert [entity(client, name).in_flight_count for name in ("/send_goal", "/cancel_goal")] == [0, 0]
 
 
@@ -275,7 +287,7 @@ async def test_infinite_timeouts_never_expire(world: World) -> None:
     clock = world.nodes[0].clock
     clock.enable_ros_time_override()
     clock.set_ros_time_override(clock.now() + Duration(seconds=9e9))
-    assert len(server._goals.table) == 1
+    assert retained_goal_count(server) == 1
     patient_client = world.node().create_action_client(Fibonacci, "fib", server_lost_timeout_s=math.inf)
     assert await patient_client.wait_for_server(timeout_s=math.inf)
 
@@ -312,7 +324,7 @@ def test_memory_does_not_grow_after_a_thousand_goals(world: World) -> None:
                 await ask.call(request, timeout_s=5)
                 clock.set_ros_time_override(clock.now() + Duration(seconds=0.1))
             clock.set_ros_time_override(clock.now() + Duration(seconds=1))
-            assert len(server._goals.table) == 0
+            assert retained_goal_count(server) == 0
 
         await some(20)
         results = client._result
@@ -349,12 +361,12 @@ async def test_result_requests_respect_the_queue_depth_of_the_server(
     """Services of rclpy queue ten requests and overwrite older ones."""
 
     _, client = await pair(world, until_canceled)
-    result_client = client._result.client
-    servers = result_client._transport_client.servers
-    monkeypatch.setattr(result_client._transport_client, "servers", lambda: replace(servers(), request_queue_depth=3))
+    requests = result_client(client)
+    servers = requests._transport_client.servers
+    monkeypatch.setattr(requests._transport_client, "servers", lambda: replace(servers(), request_queue_depth=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))
-    await until(lambda: not result_client._window.waiting)
+    await until(lambda: not requests._window.waiting)
     await client.cancel_all(timeout_s=5)
     assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}

@@ -12,8 +12,11 @@ from fibonacci_action import (
     fibonacci,
     goal,
     is_awaited,
+    known_goals,
     pair,
+    pending_results,
     result,
+    retained_goal_count,
     served_in_thread,
     statuses_of,
     until_canceled,
@@ -229,7 +232,7 @@ async def test_accepted_stamp_remains_after_goal_expired(world: World) -> None:
     waiting.execute()
     await handle.result()
     clock.set_ros_time_override(much_later)
-    assert (len(server._goals.table), waiting.status) == (0, S.UNKNOWN)
+    assert (retained_goal_count(server), waiting.status) == (0, S.UNKNOWN)
     assert stamps == [accepted]
     assert waiting.accepted_stamp == handle.accepted_stamp == accepted
 
@@ -250,7 +253,7 @@ async def test_results_are_retained_until_result_timeout(world: World) -> None:
     assert (await ask.call(request, timeout_s=5)).status == 4
     clock.set_ros_time_override(Time(seconds=161, clock_type=ClockType.ROS_TIME))
     got = await ask.call(request, timeout_s=5)
-    assert (got.status, list(got.result.sequence)) == (0, []) and len(server._goals.table) == 0
+    assert (got.status, list(got.result.sequence)) == (0, []) and retained_goal_count(server) == 0
 
 
 @pytest.mark.slow
@@ -264,7 +267,7 @@ async def test_short_goals_return_results_with_zero_result_timeout(network: Worl
         request.goal_id.uuid = handle.goal_id
         response, (status, value) = await asyncio.gather(ask.call(request, timeout_s=5), handle.result(timeout_s=5))
         assert (response.status, status, list(value.sequence)) == (4, S.SUCCEEDED, [1])
-    await until(lambda: len(server._goals.table) == 0)
+    await until(lambda: retained_goal_count(server) == 0)
 
 
 async def test_results_expire_in_real_time(world: World) -> None:
@@ -276,7 +279,7 @@ async def test_results_expire_in_real_time(world: World) -> None:
     clock = world.nodes[0].clock
     begin = clock.now()
     await (await client.send_goal(goal(1))).result()
-    await until(lambda: len(server._goals.table) == 0)
+    await until(lambda: retained_goal_count(server) == 0)
     assert clock.now() - begin > Duration(seconds=0.3)
 
 
@@ -445,7 +448,7 @@ async def test_action_named_by_text_uses_dicts(world: World) -> None:
         await client.send_goal({"order": 9})
     with pytest.raises(EncodeError):
         await client.send_goal({"order": "three"})
-    assert client._goals == {}
+    assert known_goals(client) == {}
 
 
 @pytest.mark.every_transport
@@ -457,7 +460,7 @@ async def test_calls_without_action_server_time_out(world: World) -> None:
         await client.send_goal(goal(), timeout_s=0.05)
     with pytest.raises(TimeoutError):
         await client.cancel_all(timeout_s=0.05)
-    assert client._goals == {} and entity(client, "/send_goal").in_flight_count == 0
+    assert known_goals(client) == {} and entity(client, "/send_goal").in_flight_count == 0
 
 
 async def test_result_can_be_awaited_again_after_timeout(world: World) -> None:
@@ -479,7 +482,7 @@ async def test_closed_server_raises_server_lost_error_for_running_goal(world: Wo
     with pytest.raises(ActionServerLostError):
         async for _ in handle.feedback():
             pass
-    assert client._goals == {} and not client._result._pending
+    assert known_goals(client) == {} and not pending_results(client)
 
 
 @pytest.mark.every_transport
@@ -569,6 +572,6 @@ def test_two_hundred_goals_with_random_cancels_each_finish_once(world: World) ->
         ends = await asyncio.gather(*(one(clients[n % 2], n) for n in range(200)))
         assert sorted(number for _, number in ends) == list(range(200))
         assert {status for status, _ in ends} == {S.SUCCEEDED, S.CANCELED, S.ABORTED}
-        assert server.goals == [] and all(client._goals == {} for client in clients)
+        assert server.goals == [] and all(known_goals(client) == {} for client in clients)
 
     run(main, 60)

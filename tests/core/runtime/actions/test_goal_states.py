@@ -14,15 +14,19 @@ from support.example_counts import examples
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime.actions.states import (
+    RCLPY_RULES,
+    RULES,
     ZERO_ID,
     CancelCode,
     CancelSelection,
     GoalEvent,
     GoalInfo,
+    GoalRules,
     GoalStatus,
     GoalTable,
     GoalTransitionError,
     UnknownGoalError,
+    find_status,
     next_goal_status,
 )
 
@@ -85,13 +89,18 @@ def goal_table(*stamps: int, timeout_ns: int = 100) -> Table:
     return new_table
 
 
+def finish(goals: Table, number: int, now_ns: int) -> None:
+    goals.apply(gid(number), E.SUCCEED)
+    goals.retain(gid(number), "r", now_ns)
+
+
 def test_finished_goals_expire_after_result_timeout() -> None:
     """r2r retains every result forever."""
     goals = goal_table(0, 0, timeout_ns=100)
     assert goals.next_expiry_ns() is None
     for number in (1, 2):
         goals.apply(gid(number), E.EXECUTE)
-    goals.finish(gid(1), E.SUCCEED, "r", 1000)
+    finish(goals, 1, 1000)
     assert goals.expire(1100) == [] and goals.next_expiry_ns() == 1101
     assert goals.expire(1101) == [gid(1)]
     assert goals.status(gid(1)) is S.UNKNOWN and goals.result(gid(1)) is None
@@ -103,7 +112,7 @@ def test_finished_goal_without_timeout_never_expires() -> None:
     goals = Table(None)
     goals.accept(gid(1), 0)
     goals.apply(gid(1), E.EXECUTE)
-    goals.finish(gid(1), E.SUCCEED, "r", 5)
+    finish(goals, 1, 5)
     assert goals.expire(10**30) == [] and goals.next_expiry_ns() is None
 
 
@@ -112,7 +121,7 @@ def mixed() -> Table:
     for number in (2, 3, 4):
         goals.apply(gid(number), E.EXECUTE)
     goals.apply(gid(3), E.CANCEL_GOAL)
-    goals.finish(gid(4), E.SUCCEED, "r", 45)
+    finish(goals, 4, 45)
     return goals
 
 
@@ -140,35 +149,37 @@ def test_cancel_request_selects_goals_and_code(goal: int, stamp: int, code: int,
 
 
 @pytest.mark.parametrize(
-    ("goal", "agreed", "ended", "code", "chosen"),
+    ("goal", "canceled", "ended", "code"),
     [
-        (0, [1, 2], [], 0, [1, 2]),
-        (0, [1], [], 0, [1]),
-        (0, [], [], 1, []),  # REJECTED as in rclcpp; rclpy returns 0
-        (0, [1, 2], [2], 0, [1]),
-        (0, [2], [2], 1, []),  # 1 is left, and was refused
-        (0, [1, 2], [1, 2], 0, []),  # zero ids always get 0 when nothing is left
-        (0, [], [1, 2], 0, []),
-        (1, [1], [], 0, [1]),
-        (1, [], [], 1, []),
-        (1, [1], [1], 3, []),
-        (1, [], [1], 3, []),
-        (9, [], [], 2, []),
+        (0, [1, 2], [], 0),
+        (0, [1], [], 0),
+        (0, [], [], 1),  # REJECTED as in rclcpp; rclpy returns 0
+        (0, [1], [2], 0),
+        (0, [], [2], 1),  # 1 is left, and was refused
+        (0, [], [1, 2], 0),  # zero ids always get 0 when nothing is left
+        (1, [1], [], 0),
+        (1, [], [], 1),
+        (1, [], [1], 3),
+        (9, [], [], 2),
     ],
 )
-def test_cancel_response_code_and_goals(
-    goal: int, agreed: list[int], ended: list[int], code: int, chosen: list[int]
+@pytest.mark.parametrize("rules", [RULES, RCLPY_RULES])
+def test_code_of_cancel_response_follows_rules(
+    rules: GoalRules, goal: int, canceled: list[int], ended: list[int], code: int
 ) -> None:
     """r2r answers REJECTED with an empty list for every request that hits two goals."""
-    goals = goal_table(1, 2)
+    goals = Table(100, rules)
+    for number in (1, 2):
+        goals.accept(gid(number), number)
     for number in (1, 2):
         goals.apply(gid(number), E.EXECUTE)
     selection = goals.select_for_cancel(gid(goal), 0)
     for number in ended:
-        goals.finish(gid(number), E.SUCCEED, "r", 3)
-    infos = {number: GoalInfo(gid(number), number) for number in (1, 2)}
-    answer = goals.answer_cancel(selection, [infos[number] for number in agreed])
-    assert answer == (code, tuple(infos[number] for number in chosen))
+        finish(goals, number, 3)
+    for number in canceled:
+        goals.apply(gid(number), E.CANCEL_GOAL)
+    expected = 2 if goal == 9 else code if rules is RULES else 0
+    assert goals.cancel_code(selection, any_canceled=bool(canceled)) == expected
 
 
 def test_cancel_by_id_and_stamp_is_answered_like_cancel_of_many() -> None:
@@ -176,10 +187,40 @@ def test_cancel_by_id_and_stamp_is_answered_like_cancel_of_many() -> None:
     selection = goals.select_for_cancel(gid(5), 20)
     for number in (1, 2, 5):
         goals.apply(gid(number), E.CANCEL_GOAL)
-    assert goals.answer_cancel(selection, selection.goals) == (CancelCode.NONE, ())
+    assert goals.cancel_code(selection, any_canceled=False) is CancelCode.NONE
     only = goals.select_for_cancel(gid(3), 0)
     assert only == CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
-    assert goals.answer_cancel(only, ()) == (CancelCode.GOAL_TERMINATED, ())
+    assert goals.cancel_code(only, any_canceled=False) is CancelCode.GOAL_TERMINATED
+
+
+def test_result_timeout_starts_when_result_is_retained() -> None:
+    goals = goal_table(0, 0, timeout_ns=100)
+    for number in (1, 2):
+        goals.apply(gid(number), E.EXECUTE)
+        goals.apply(gid(number), E.SUCCEED)
+    assert goals.expire(10**9) == [] and goals.next_expiry_ns() is None and goals.result(gid(1)) is None
+    goals.retain(gid(2), "r", 1000, failed=True)
+    goals.retain(gid(1), "s", 1050)
+    goals.retain(gid(2), "t", 1090)
+    assert (goals.status(gid(2)), goals.result(gid(2)), goals.next_expiry_ns()) == (S.ABORTED, "t", 1101)
+    assert goals.expire(1101) == [gid(2)]
+    goals.retain(gid(2), "u", 1102)
+    assert gid(2) not in goals and goals.next_expiry_ns() == 1151
+
+
+def test_removed_goal_is_unknown_and_not_in_status_message() -> None:
+    goals = goal_table(10, 20)
+    goals.apply(gid(1), E.EXECUTE)
+    goals.apply(gid(1), E.SUCCEED)
+    goals.retain(gid(1), "r", 0)
+    for _ in range(2):
+        goals.remove(gid(1))
+    assert (goals.status(gid(1)), goals.next_expiry_ns(), goals.expire(10**9)) == (S.UNKNOWN, None, [])
+    message = goals.status_message()
+    assert (find_status(message, gid(1)), find_status(message, gid(2))) == (None, S.ACCEPTED)
+    with pytest.raises(UnknownGoalError):
+        goals.apply(gid(1), E.EXECUTE)
+    assert goals.accept(gid(1), 30) == GoalInfo(gid(1), 30)
 
 
 class GoalTableAgainstModel(RuleBasedStateMachine):
@@ -205,16 +246,14 @@ class GoalTableAgainstModel(RuleBasedStateMachine):
         target = ALLOWED.get((self.model.get(goal, S.UNKNOWN), event))
         ends = event in (E.SUCCEED, E.ABORT, E.CANCELED)
         try:
-            if ends:
-                self.table.finish(gid(goal), event, self.now, self.now)
-            else:
-                assert self.table.apply(gid(goal), event) is target
+            assert self.table.apply(gid(goal), event) is target
         except (GoalTransitionError, UnknownGoalError):
             assert target is None
             return
         assert target is not None
         self.model[goal] = target
         if ends:
+            self.table.retain(gid(goal), self.now, self.now)
             self.ended[goal] = self.now
 
     @rule(goal=ids)
@@ -250,6 +289,8 @@ class GoalTableAgainstModel(RuleBasedStateMachine):
     def agree(self) -> None:
         assert {goal: self.table.status(gid(goal)) for goal in self.model} == self.model
         assert len(self.table) == len(self.model)
+        message = self.table.status_message()
+        assert {goal: find_status(message, gid(goal)) for goal in self.model} == self.model
         assert ZERO_ID not in self.table
 
 

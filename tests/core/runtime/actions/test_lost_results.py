@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from fibonacci_action import Fibonacci, fibonacci, goal, pair, until_canceled
+from fibonacci_action import Fibonacci, fibonacci, goal, pair, pending_results, result_client, until_canceled
 from support.waiting import until
 
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
@@ -64,7 +64,7 @@ async def test_lost_result_request_is_repeated_after_its_goal_ended(
     for handle in handles:
         assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
     assert len(lost) == 3
-    assert not client._result._pending and client._result.client.in_flight_count == 0
+    assert not pending_results(client) and result_client(client).in_flight_count == 0
 
 
 async def test_result_of_running_goal_is_requested_only_once(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +109,7 @@ async def test_repeated_denial_of_ended_goal_raises_unknown_goal_error(
     handle = await client.send_goal(goal(0), timeout_s=5)
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)
-    assert not client._result._pending and client._result.client.in_flight_count == 0
+    assert not pending_results(client) and result_client(client).in_flight_count == 0
 
 
 async def test_requests_are_repeated_until_server_has_registered_accepted_goal(
@@ -144,7 +144,7 @@ async def test_requests_are_repeated_until_server_has_registered_accepted_goal(
         with pytest.raises(UnknownGoalError, match="does not know goal"):
             await wait(timeout_s=5)
     assert 2.0 <= now_s() - times_s[0] < 3.0 and len(times_s) == 8
-    assert not client._result._pending and client._result.client.in_flight_count == 0
+    assert not pending_results(client) and result_client(client).in_flight_count == 0
 
 
 async def test_unknown_reply_of_second_node_with_same_name_ends_no_goal(
@@ -155,7 +155,7 @@ async def test_unknown_reply_of_second_node_with_same_name_ends_no_goal(
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
-    (wanted,) = client._result._pending
+    (wanted,) = pending_results(client)
     await until(lambda: wanted.unknown_reply is not None)
     await asyncio.sleep(0.5)  # 25 checks
     assert not handle.is_done

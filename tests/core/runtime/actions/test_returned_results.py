@@ -8,11 +8,11 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from fibonacci_action import Fibonacci, goal, pair, result
+from fibonacci_action import Fibonacci, goal, pair, result, retained_goal_count
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen.runtime import GoalStatus
+from rosidl_py_gen.runtime import Duration, GoalStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -153,3 +153,23 @@ async def test_result_returned_after_goal_was_aborted_elsewhere_is_ignored_with_
     assert await handle.result(timeout_s=5) == (S.ABORTED, result())
     may_continue.set()
     await until(lambda: "is ignored, because the goal had ended" in caplog.text)
+
+
+async def test_result_timeout_starts_when_handler_returns(world: World) -> None:
+    may_continue = asyncio.Event()
+
+    async def execute(handle: ServerGoal[Fibonacci]) -> Any:
+        handle.succeed()
+        await may_continue.wait()
+        if handle.request.order:
+            raise ValueError("too late")
+        return result(9)
+
+    server, client = await pair(world, execute, result_timeout_s=0.1)
+    handles = [await client.send_goal(goal(order), timeout_s=5) for order in (0, 1)]
+    await until(lambda: all(handle.status is S.SUCCEEDED for handle in handles))
+    await world.nodes[0].clock.sleep_for(Duration(seconds=0.3))
+    may_continue.set()
+    got = [await handle.result(timeout_s=5) for handle in handles]
+    assert [(status, list(answer.sequence)) for status, answer in got] == [(S.SUCCEEDED, [9]), (S.ABORTED, [])]
+    await until(lambda: retained_goal_count(server) == 0)

@@ -151,6 +151,12 @@ cancel = n.create_client(CancelGoal, "turn/_action/cancel_goal")
 cancel.wait_for_service(10)
 done(cancel.call_async(CancelGoal.Request(goal_info=GoalInfo(goal_id=UUID(uuid=[7] * 16)))))
 done(cancel.call_async(CancelGoal.Request()))
+goal(7, goal_uuid=UUID(uuid=[8] * 16)).accepted
+ServerGoalHandle(s, GoalInfo(goal_id=UUID(uuid=[8] * 16)), Fibonacci.Goal())  # text
+(held[-1].destroy(), held[-1].status, held[-1].is_active, held[-1].succeed())
+done(cancel.call_async(CancelGoal.Request(goal_info=GoalInfo(goal_id=UUID(uuid=[8] * 16)))))
+made = ServerGoalHandle(s, GoalInfo(goal_id=UUID(uuid=[9] * 16)), Fibonacci.Goal())
+(made.status, made._update_state(GoalEvent.EXECUTE), made.status, made.succeed(), made.status)
 c.send_goal_async(5)  # text
 c.send_goal(5)  # text
 c._cancel_goal_async(5)

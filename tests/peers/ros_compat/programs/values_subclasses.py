@@ -82,7 +82,7 @@ fails(Instance)
 type("Node", (Node,), {"__init__": lambda self, name, **options: (Node.__init__(self, name, **options), setattr(self, "_Node__logger", 1), setattr(self, "_Node__clock", 2), setattr(self, "_Node__services", 3), None)[-1]})("n").get_name()
 [name for name in "declare_parameters get_parameters get_parameter list_parameters describe_parameters set_parameters_atomically get_namespace create_rate wait_for_node publishers reset spin run destroy shutdown start stop".split() if breaks(Node, [name])]
 n = Node("n", parameter_overrides=[Parameter("o", value=3)])
-sorted(name for name in vars(n) if not name.startswith(("_rosidl_", "_Node__")))
+sorted(name for name in vars(n) if not name.startswith(("_rosidl_", "rosidl_", "_Node__")))
 n._logger is n.get_logger()
 n._clock is n.get_clock()
 n._context is n.context
@@ -121,7 +121,7 @@ n._parameter_event_publisher
 m = Node("m", allow_undeclared_parameters=True, enable_logger_service=True, start_parameter_services=False)
 (m._allow_undeclared_parameters, hasattr(m, "_logger_service"), hasattr(m, "_parameter_service"))
 l = LifecycleNode("l")
-sorted(name for name in vars(l) if not name.startswith(("_rosidl_", "_Node__", "_Lifecycle")) and name not in vars(m))
+sorted(name for name in vars(l) if not name.startswith(("_rosidl_", "rosidl_", "_Node__", "_Lifecycle")) and name not in vars(m))
 l._state_machine.current_state
 l._managed_entities
 rclpy.shutdown()
