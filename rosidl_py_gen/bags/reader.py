@@ -569,12 +569,12 @@ class BagReader:
 
 
 def stored_files(reader: BagReader) -> Sequence[Storage]:
-    """Return the open files of a bag."""
+    """Return the readers of the files of an open bag."""
     return reader._files
 
 
 def stored_channels(reader: BagReader) -> Sequence[BagTopic]:
-    """Return the channels of a bag as stored, one for each channel of the files."""
+    """Return the channels of an open bag as its files store them, with one entry for each channel of each file."""
     return reader._stored_channels
 
 
@@ -584,18 +584,20 @@ def stated_metadata(reader: BagReader) -> BagMetadata | None:
 
 
 def set_stated_metadata(reader: BagReader, metadata: BagMetadata | None) -> None:
-    """Replace the result of `stated_metadata`."""
+    """Replace the metadata of an open bag that `stated_metadata` returns."""
     reader._metadata = metadata
 
 
 def messages_as_stored(reader: BagReader) -> Iterator[RawMessage]:
-    """Yield all messages of a bag of one file as stored: still compressed if rosbag2 compressed single messages."""
+    """Yield all messages of a bag of one file without decompressing messages that rosbag2 compressed one by one."""
     (file,) = reader._files
     return as_raw_messages(file.stored_messages())
 
 
 def find_all_channels(reader: BagReader) -> None:
-    """Read the parts of files that no index describes, which may define more channels, and update the topics."""
+    """Read those parts of the files of an open bag that no index describes, and update the topics by the channels found
+    there.
+    """
     for file in reader._files:
         file.unused_schemas()
     reader._stored_channels, reader.channels, reader.topics, reader.start_ns, reader.end_ns = reader._contents()

@@ -99,7 +99,9 @@ def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
 
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
-    """Yield all messages of an open bag file as stored, and report progress from the present position to `end`."""
+    """Yield all messages of an open bag file as they are stored, and report progress in bytes up to `end` to the
+    callback.
+    """
     return _with_progress(messages_as_stored(reader), reader, progress, end)
 
 

@@ -159,7 +159,8 @@ class _EventCallbacks:
         return {name: getattr(self, name) for name in self._ROSIDL_EVENT_TYPES if getattr(self, name) is not None}
 
     def rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
-        """Return a queue for each requested kind of event (rcl's number), and the runtime's callbacks that fill them.
+        """Return queues for the events that the program has requested, by rcl's event number, and callbacks that fill
+        the queues.
 
         The callbacks are None if no event is requested.
         """

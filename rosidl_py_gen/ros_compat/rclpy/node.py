@@ -611,7 +611,9 @@ class Node(BaseNode):
         return entity
 
     def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
-        """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
+        """Return two lists of a kind of entities: the node's own, and the one that the program has stored in rclpy's
+        attribute instead.
+        """
         own_list, program_list = self.rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
         if isinstance(program_list, list) and program_list is not own_list:
             return [own_list, program_list]

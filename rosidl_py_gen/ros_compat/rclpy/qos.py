@@ -221,7 +221,7 @@ class QoSProfile:
 
     @classmethod
     def rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
-        """Convert a QoS profile of the runtime, without a warning for depth 0."""
+        """Convert a QoS profile of rosidl_py_gen.runtime to a `QoSProfile`, without a warning for depth 0."""
         values = {}
         for policy in presets.POLICIES:
             value = getattr(profile, policy.field)

@@ -95,7 +95,8 @@ class Waitable(Subscriptable):
     """Base class of objects that an executor waits for and executes."""
 
     rosidl_queue: Collection[Any] | None = None
-    """Queue for arrivals: while it is empty, the waitable is not ready, and `is_ready` is not called; or None."""
+    """Queue of arrivals of the waitable. While the queue is empty, the waitable is not ready and `is_ready` is not
+    called. None without a queue."""
 
     rosidl_take_method = "_take_waitable"
 

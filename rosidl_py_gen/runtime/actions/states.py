@@ -188,9 +188,11 @@ class GoalRules:
 
 
 RULES = GoalRules(CancelCode.REJECTED, CancelCode.GOAL_TERMINATED)
-"""Rules of `ActionServer`: as in rclcpp, a client learns that a cancel request had no effect."""
+"""Rules for goals of this package's `ActionServer`: as in rclcpp, a client learns that a cancel request had no effect.
+"""
 RCLPY_RULES = GoalRules(CancelCode.NONE, CancelCode.NONE)
-"""Rules of rclpy's `ActionServer`: rclpy replies 0 with an empty list, which a client takes for success."""
+"""Rules for goals of rclpy's `ActionServer`. rclpy replies to a refused cancel request with code 0 and an empty list,
+which a client takes for success."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +266,7 @@ class GoalTable(Generic[ResultT]):
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
     def status_message(self) -> bytes:
-        """Return the serialized GoalStatusArray of all goals."""
+        """Return the serialized GoalStatusArray of all goals in the table."""
         return self._rows.message()
 
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
@@ -331,7 +333,8 @@ class GoalTable(Generic[ResultT]):
         return CancelSelection(CancelCode.NONE, tuple(selected))
 
     def cancel_code(self, selection: CancelSelection, *, any_canceled: bool) -> CancelCode:
-        """Return the return code of a cancel request, once the program has decided and the goals are CANCELING.
+        """Return the return code for the reply to a cancel request, once the program has decided and the goals are
+        CANCELING.
 
         A goal that has ended during the decision counts as if it had ended before.
 

@@ -58,7 +58,10 @@ class ActionEndpoints(Destroyable):
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
-        """Return a context manager that prevents the destruction, and raises RCLError after a shutdown."""
+        """Return a context manager that prevents the destruction of the endpoints in its block.
+
+        It raises RCLError after a shutdown.
+        """
         with self:
             try:
                 yield
