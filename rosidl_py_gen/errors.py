@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _MAX_TEXT = 4000
-"""Maximum characters of a diagnostic's text: names in definitions have any length."""
+"""Maximum characters of a diagnostic's text, which is limited because names in definitions may have any length."""
 _INVISIBLE = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180d\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]"
 )
@@ -27,9 +27,9 @@ class RosidlError(Exception):
 
 
 class ExtraMissingError(RosidlError, ModuleNotFoundError):
-    """Error of a missing extra of this package; the text has the command that installs it.
+    """Error of an import that needs an extra of this package which is not installed.
 
-    `name` is the module that could not be imported.
+    The text has the command that installs it. `name` is the module that could not be imported.
     """
 
 
@@ -58,7 +58,9 @@ class Diagnostic:
         return printable(_with_code_points(f"{where}: {self.text}"[: _MAX_TEXT + 1]), _MAX_TEXT)
 
     def with_caret(self, width: int = 100) -> str:
-        """Return the finding, its source line cut to `width` characters, and a caret under the column."""
+        """Return the diagnostic as text, followed by the source line, cut to `width` characters, and a caret under the
+        column.
+        """
         if not self.source:
             return str(self)
         start = max(0, self.column - 1 - width // 2) if len(self.source) > width else 0
@@ -71,7 +73,9 @@ class Diagnostic:
 
 
 def _with_code_points(text: str) -> str:
-    """Return the text with invisible characters as ``<U+200B>``: they are a common mistake in definitions."""
+    """Return the text with invisible characters shown as ``<U+200B>``, because they are a common mistake in
+    definitions.
+    """
     if text.isascii() and text.isprintable():
         return text
     return "".join(
@@ -80,7 +84,8 @@ def _with_code_points(text: str) -> str:
 
 
 def printable(text: str, max_length: int | None = None) -> str:
-    """Return at most `max_length` characters of a text, with U+FFFD for characters that could control a terminal.
+    """Return at most `max_length` characters of a text, with U+FFFD in place of characters that could control a
+    terminal.
 
     Definition files, their names, and messages of peers are not trusted.
     """

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     T = TypeVar("T", default=Any)
 
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
-"""Keys that rosbag2 uses in the metadata of MCAP channels: for the QoS and for the type hash of a topic."""
+"""MCAP metadata keys under which rosbag2 stores the QoS and the type hash of a topic in its channel."""
 _MAX_TEXT = 4000
 
 
@@ -63,7 +63,10 @@ class BagTopic:
 
     @property
     def definition_bytes(self) -> bytes:
-        """Bytes of the topic's definition: the bytes of the MCAP schema, unless `definition` has another text."""
+        """Definition of the topic as bytes.
+
+        They are the bytes of the MCAP schema, unless `definition` has been changed to another text.
+        """
         data = self.schema_data
         if data is not None and data.decode(errors="replace") == self.definition:
             return data
@@ -71,19 +74,26 @@ class BagTopic:
 
     @property
     def channel_key(self) -> tuple[object, ...]:
-        """Identity of a stored channel: topic, definition, schema bytes, QoS, type hash and all metadata."""
+        """Key that is equal for two stored channels only if topic, definition, schema bytes, QoS, type hash and all
+        metadata are equal.
+        """
         metadata = None if self.metadata is None else tuple(sorted(self.metadata.items()))
         return self.key, self.type_hash, self.offered_qos, metadata, self.schema_data
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Identity of a topic's channel: its name, and the values that decide how its messages are decoded."""
+        """Key that is equal for two channels if their topic name, and everything that decides how messages are decoded,
+        is equal.
+        """
         by_hash = "" if self.definition else self.type_hash
         return self.name, self.type_name, self.message_encoding, self.encoding, self.definition, by_hash
 
 
 def checked_time(nanoseconds: int, topic: str, what: str, bits: int = 63) -> int:
-    """Return a time that a bag can store; raise `BagError` for a time below 0 or of more than `bits` bits."""
+    """Return a time in nanoseconds unchanged if a bag can store it.
+
+    Raises `BagError` for a time below 0, or a time that needs more than `bits` bits.
+    """
     if not 0 <= nanoseconds < 1 << bits:
         raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**{bits}-1 ns")
     return nanoseconds
@@ -96,15 +106,16 @@ def require_printable(topic: str) -> None:
 
 
 def partial_path(target: Path) -> Path:
-    """Return the path of the file that `written_durably` yields for `target`."""
+    """Return the temporary path at which `written_durably` writes a file before it replaces `target`."""
     return target.with_name(f".{target.name}")
 
 
 @contextmanager
 def written_durably(target: Path) -> Iterator[Path]:
-    """Yield the path of a partial file, which replaces `target` after the ``with`` block; an exception removes it.
+    """Yield a temporary path for a new file, which replaces `target` after the ``with`` block.
 
-    A power cut leaves the old or the new file, never an incomplete one.
+    If the block raises an exception, the temporary file is removed and `target` is unchanged. After a power cut
+    `target` is the old or the new file, never an incomplete file.
     """
     partial = partial_path(target)
     try:
@@ -199,7 +210,7 @@ class DamagedPart:
 
     @property
     def place(self) -> str:
-        """Description of the damaged part's place for messages: size, offset, log times and topics."""
+        """Text for error messages that states size, offset, log times and topics of the damaged part."""
         times = "unknown times" if self.start_ns is None else f"log times from {self.start_ns} to {self.end_ns} ns"
         topics = "unknown topics" if self.topics is None else f"topics {', '.join(self.topics) or '(none)'}"
         return f"{self.size} bytes at byte {self.offset}, {times}, {topics}"
@@ -207,11 +218,11 @@ class DamagedPart:
 
 @dataclass(frozen=True, slots=True)
 class SkippedMessages:
-    """Messages of a topic that a reader cannot decode and has skipped.
+    """Number of messages of one topic that a reader could not decode and therefore skipped, with the reason.
 
     Attributes:
-        count: number so far, by all calls of `BagReader.messages`.
-        reason: why they cannot be decoded.
+        count: number of messages so far, in all calls of `BagReader.messages`.
+        reason: why the messages cannot be decoded.
     """
 
     count: int

@@ -1,8 +1,8 @@
-"""Copy of everything in one or several bags besides messages, and counts of what the copy cannot store.
+"""Copier of everything in one or several bags except messages, with counts of what the new bag cannot store.
 
-Attachments, metadata records and schemas without a channel belong to the whole recording, so they are copied whatever
-topics and times are selected, as by ``mcap filter``. Metadata records come first and attachments last, so that chunks
-stay together. The record ``rosbag2`` is rewritten by each writer, with the user's data of the old record
+Attachments, metadata records and schemas without a channel belong to the whole recording. They are copied whatever
+topics and times are selected, as by ``mcap filter``. Metadata records are written first and attachments last, so that
+chunks stay together. Each writer writes a new record ``rosbag2``, which contains the user's data of the old record
 (docs/internals/protocol.md 16).
 """
 
@@ -49,7 +49,7 @@ _KINDS = {
     "listed_topics": "topic without a channel",
     "unreadable_metadata": "metadata.yaml",
 }
-"""Kinds of omitted things: keys of counts, with the noun that texts use."""
+"""Nouns for things that a copy of a bag could not store, by the name under which `BagCopy.omitted` counts them."""
 _PLURALS = {
     "value of channel metadata": "values of channel metadata",
     "schema without a topic": "schemas without a topic",
@@ -69,7 +69,8 @@ _REASONS = {
     "listed_topics": "only metadata.yaml lists them",
     "unreadable_metadata": "its custom_data cannot be read",
 }
-"""Reasons why a copy in any storage format lacks things of a kind."""
+"""Reasons why no storage format can store a kind of thing when a bag is copied, by the name under which it is counted.
+"""
 _IN_SQLITE = "SQLite bags have no place for them; convert to MCAP to keep them"
 
 
@@ -141,7 +142,9 @@ class BagCopy:
         self.omitted = +(self.omitted + writer._omitted)
 
     def _pass_on_metadata(self) -> None:
-        """Pass the profile, distribution and custom data of the recording to the writer."""
+        """Pass the recorder's profile and distribution, and the user's custom data, from the old bags to the writer of
+        the new bag.
+        """
         recording = self.recording
         self.omitted += recording.omitted
         for reader in self._readers:
@@ -159,7 +162,10 @@ class BagCopy:
     def _one_of_each_topic(
         self, targets: list[dict[tuple[object, ...], BagTopic]]
     ) -> list[dict[tuple[object, ...], BagTopic]]:
-        """Return the channels of a SQLite copy by original key: channels of one topic and definition become one."""
+        """Return the channels of a SQLite bag that replace the channels of the old bags, by the key of the old channel.
+
+        Old channels of one topic and definition share a new channel, because a SQLite bag stores a topic once.
+        """
         groups: dict[tuple[str, ...], list[BagTopic]] = {}
         for target in (target for each in targets for target in each.values()):
             groups.setdefault(target.key, []).append(target)
@@ -192,7 +198,11 @@ def _targets(reader: BagReader, channels: Mapping[tuple[str, ...], BagTopic]) ->
 
 
 def _joined(targets: list[dict[tuple[object, ...], BagTopic]]) -> list[dict[tuple[object, ...], BagTopic]]:
-    """Join the channels of several bags that have equal definition, QoS and metadata, also of MCAP and SQLite."""
+    """Make equal channels of several bags one channel: those with equal topic, definition, type hash, QoS and further
+    metadata.
+
+    A channel without type hash, as in SQLite bags, takes the hash of a channel with the same definition.
+    """
     hashes: dict[tuple[object, ...], str] = {}
     for target in (target for each in targets for target in each.values()):
         if target.type_hash:
@@ -213,14 +223,14 @@ def _joined(targets: list[dict[tuple[object, ...], BagTopic]]) -> list[dict[tupl
 
 
 class RecordingData:
-    """Data about a whole recording, from the files of a bag and its ``metadata.yaml``.
+    """Data about a whole recording, collected from the files of a bag and its ``metadata.yaml``.
 
     Attributes:
-        profiles: profiles that the headers of MCAP files state, each once.
+        profiles: profiles that the headers of MCAP files state, without duplicates.
         ros_distro: distribution of the recorder; empty if it is not known.
         custom_data: texts of the user. ``metadata.yaml`` overrides files, and later files override earlier ones.
         values: entries of rosbag2's metadata records that rosbag2 itself does not know.
-        omitted: number of values that are not among these, by kind.
+        omitted: number of values that could not be collected, by kind.
     """
 
     def __init__(self) -> None:
@@ -241,7 +251,7 @@ class RecordingData:
         return recording
 
     def add_file(self, file: Storage) -> None:
-        """Add the data about the recording that a file of the bag contains."""
+        """Add what one file of a bag states about the recording: profile, distribution, custom data."""
         profile = file.profile()
         if profile is not None and profile not in self.profiles:
             self.profiles.append(profile)
@@ -290,7 +300,9 @@ def listed_topics(metadata: BagMetadata) -> set[str]:
 
 
 def with_listed_values(metadata: BagMetadata | None, channel: BagTopic) -> BagTopic:
-    """Return the channel with type hash and QoS of ``metadata.yaml`` where the bag file does not state them."""
+    """Return the channel completed by ``metadata.yaml``, which supplies the type hash and QoS that the bag file does
+    not state.
+    """
     if metadata is None or (channel.type_hash and channel.offered_qos):
         return channel
     listed = metadata.by_name().get((channel.name, channel.type_name))
@@ -304,7 +316,7 @@ def with_listed_values(metadata: BagMetadata | None, channel: BagTopic) -> BagTo
 
 
 def _with_definition(channel: BagTopic, known: BagTopic) -> BagTopic:
-    """Return `channel` with the type and definition of `known`; unchanged if both are equal."""
+    """Return a copy of `channel` that has the type, definition and hash of `known`."""
     if (channel.type_name, channel.definition, channel.encoding) == (known.type_name, known.definition, known.encoding):
         return channel
     return replace(
@@ -317,7 +329,7 @@ def _with_definition(channel: BagTopic, known: BagTopic) -> BagTopic:
 
 
 def omission_lines(omitted: Mapping[str, int]) -> list[str]:
-    """Return the lines that explain what is not in a copy: one line for each reason."""
+    """Return lines of text for the user, one for each reason, about what the copy of a bag does not contain."""
     lines = []
     groups: dict[str, list[str]] = {}
     for kind in _KINDS:

@@ -1,9 +1,14 @@
-"""Lookup of the message class for each channel of a bag, also without definitions (SQLite bags before Iron).
+"""Lookup of the message class for each channel of a bag, including bags without definitions (SQLite bags before Iron).
 
-The definition in the bag is used; else, if the bag has a type hash, only a definition with this hash; else the first
-definition with the name of the type: from the caller, of the distribution that the bag was recorded with, importable,
-on the search path or bundled. The last case is a guess: one warning names it, and messages are measured. A message that
-is longer or shorter than its fields was written with another definition.
+The first of these definitions is used:
+
+1. the definition in the bag;
+2. if the bag has a type hash, a definition with this hash;
+3. a definition with the name of the type: from the caller, of the distribution that the bag was recorded with,
+   importable, on the search path or bundled.
+
+A definition that was found by name is a guess. One warning names it, and the lengths of messages are checked: a message
+that is longer or shorter than its fields was written with another definition.
 """
 
 from __future__ import annotations
@@ -47,12 +52,14 @@ Typestore: TypeAlias = "Mapping[str, type[Message] | str]"
 """Message classes, or definition texts with all types they use, by full type name."""
 
 _CHECK_FIRST_MESSAGES = 20
-"""Number of messages at the start of a channel whose length is compared with a guessed definition."""
+"""Number of messages at the start of each channel whose length is checked, if the definition was guessed by the type's
+name."""
 _CHECK_EVERY = 256
-"""Number of messages after which the next one is compared with a guessed definition: measuring takes up to 45 times as
-long as decoding. Fixed-size messages are cheap to check, so each of them is."""
+"""Distance of later messages whose length is checked, if the definition was guessed by the type's name: one message in
+this many. Checking takes up to 45 times as long as decoding. Messages of fixed size are cheap to check, so each of them
+is."""
 _UNKNOWN_ENCODING = "unknown"
-"""Value that rosbag2 states as a definition's encoding for services that use no other types."""
+"""Encoding of a definition that rosbag2 states for services whose fields have only primitive types."""
 _SERVICE_TEXT = re.compile(r"=+\r?\nSRV: ")
 NO_FIELDS = "an empty definition in the bag"
 _ADVICE = "pass the folder with the recorded definition (search_path=, --path)"
@@ -169,7 +176,10 @@ class Definitions:
 
     @cached_property
     def _distro(self) -> str | None:
-        """Distribution of the recorder; None if its definitions are not bundled, or the command selects another one."""
+        """Distribution with which the bag was recorded.
+
+        Returns None if its definitions are not bundled, or the user selected another distribution.
+        """
         if selected().is_explicit:
             return None
         try:
@@ -178,7 +188,10 @@ class Definitions:
             return None
 
     def _find_by_hash(self, topic: BagTopic, name: str, recorded_hash: str) -> TopicDefinition:
-        """Return the definition with the recorded hash; raises `BagError` if only others are known."""
+        """Return the definition whose hash is the recorded type hash.
+
+        Raises `BagError` if every known definition has another hash.
+        """
         cls = self._from_typestore(name)
         if cls is not None and type_hash(cls) == recorded_hash:
             return TopicDefinition(cls, "typestore", True)
@@ -203,7 +216,9 @@ def has_definition(topic: BagTopic) -> bool:
 
 
 def described(topic: BagTopic, definition: TopicDefinition) -> BagTopic:
-    """Return the channel with the text and hash of the definition that decodes it, for writing to another bag."""
+    """Return a topic for writing to another bag: if the topic has no readable definition, a copy with the text and hash
+    of `definition`.
+    """
     if has_definition(topic):
         return topic
     text, encoding = definition_of(definition.message_class)
@@ -217,7 +232,10 @@ def definition_of(cls: type[Any]) -> tuple[str, str]:
 
 
 def same_definition(one: BagTopic, other: BagTopic) -> bool:
-    """Return True if messages of both channels are decoded alike, by hash or definition; False if that is unknown."""
+    """Return True if messages of both channels are decoded in the same way: type hashes or definitions are equal.
+
+    Returns False if that cannot be determined.
+    """
     if one.type_hash and other.type_hash:
         return one.type_hash == other.type_hash
     if one.definition == other.definition:
@@ -231,7 +249,9 @@ def same_definition(one: BagTopic, other: BagTopic) -> bool:
 
 
 def is_empty(data: bytes | memoryview) -> bool:
-    """Return True if data can be a message without fields: CDR writes one zero byte for it, and perhaps padding."""
+    """Return True if the CDR data can be a message without fields, which has one zero byte, perhaps with padding, after
+    the header.
+    """
     size = len(data) - HEADER_BYTES
     return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[HEADER_BYTES:])
 
@@ -253,10 +273,11 @@ class WrongDefinitionError(BagError):
 def checked_decoder(
     topic: BagTopic, definition: TopicDefinition, decode: Callable[[bytes | memoryview], Any], may_skip: bool
 ) -> Callable[[bytes | memoryview], Any]:
-    """Return `decode` with checks of message lengths for a guessed definition; it raises `WrongDefinitionError`.
+    """Return a decoder that checks message lengths and raises `WrongDefinitionError` if the guessed definition does not
+    fit.
 
-    With `may_skip`, a message that is too short raises `DecodeError` instead, if an earlier message had a valid length:
-    the message is damaged then.
+    With `may_skip`, a message that is too short after a message of valid length counts as damaged, and raises
+    `DecodeError`.
     """
     cls = definition.message_class
     is_fixed = not varying_field(cls)
@@ -285,7 +306,9 @@ def checked_decoder(
 
 
 def mismatch_reason(topic: BagTopic, definition: TopicDefinition, samples: Iterable[bytes]) -> str:
-    """Return why sample messages of a topic do not fit a guessed definition; "" if all of them fit."""
+    """Return a text that states why sample messages of a topic do not fit a guessed definition; "" if all
+    of them fit.
+    """
     decode = checked_decoder(topic, definition, decoder_of(definition.message_class, False), False)
     try:
         for data in samples:
@@ -348,7 +371,9 @@ class DecoderFactory(McapDecoderFactory):
 
 
 def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], Any]:
-    """Return the decoder of a message class: its own `decode` if possible, as a wrapper costs time."""
+    """Return the function that decodes messages of a class: the class's own `decode` if possible, as a wrapper costs
+    time.
+    """
     if not cls._TYPE.fields:
         return partial(_decode_empty, cls)
     if any(field.py_name == "decode" for field in cls._TYPE.fields):  # the field has taken the method's place
@@ -357,7 +382,10 @@ def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], A
 
 
 def _decode_empty(cls: type[Any], data: bytes | memoryview) -> Any:
-    """Return the message that the data of an empty message encode: ROS writes one byte for it, other writers none."""
+    """Decode a message without fields.
+
+    ROS writes one byte for it and other writers write none, so a missing byte is added.
+    """
     return cls.decode(bytes(data) + b"\0" if len(data) == HEADER_BYTES else data)
 
 

@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
-"""Maximum bytes of a message in a compressed chunk: readers decompress at most 1 GiB by default."""
+"""Maximum size in bytes of a message that is stored in a compressed chunk, because readers decompress at most 1 GiB by
+default."""
 _MAX_KNOWN = 10_000
-"""Maximum number of channels that `write_raw` recognizes by object identity; with more, the cache starts again."""
+"""Maximum number of channels in the cache with which `write_raw` recognizes channel objects; a full cache is emptied.
+"""
 CHUNK_BYTES = 768 << 10
-"""Bytes of records after which a chunk is written, as in rosbag2. With 4 MB reading takes 20 % longer, because every
-chunk is in new memory."""
+"""Size in bytes of collected records at which a chunk is written to the file, as in rosbag2. With chunks of 4 MB,
+reading takes 20 % longer, because every chunk is in new memory."""
 
 
 class BagWriter(SplittingWriter):

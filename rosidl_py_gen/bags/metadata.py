@@ -25,7 +25,7 @@ _ROOT = "rosbag2_bagfile_information"
 _MAX_QOS_BYTES = 1 << 20
 """Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
 _POLICIES = sorted(POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
-"""All policies in the order in which rosbag2 writes them, which is that of the fields of `QoSProfile`."""
+"""All QoS policies in the order in which rosbag2 writes them, which is the order of the fields of `QoSProfile`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +79,9 @@ def read_metadata(folder: Path) -> BagMetadata:
 
 
 def _scalar(value: Any) -> str | int | float:
-    """Return a YAML value that is a text or a number; raise TypeError for any other value.
+    """Return a YAML value if it is a text or a number, else raise TypeError.
 
-    Nested aliases in lists would expand to a text without bound.
+    Text made from nested lists could be of any size, because YAML aliases repeat their content.
     """
     if not isinstance(value, (str, int, float)):
         raise TypeError(f"{type(value).__name__}, expected a text or a number")
@@ -93,7 +93,9 @@ def _text(value: Any) -> str:
 
 
 def _file_name(value: Any) -> str:
-    """Return the file name in a metadata value without folders, so that it cannot lead out of the bag."""
+    """Return the last component of a file name in ``metadata.yaml``, so that the name cannot refer to a file outside of
+    the bag.
+    """
     if "\0" in (name := Path(_text(value)).name):
         raise ValueError("a file name with a zero byte")
     return name
@@ -168,7 +170,7 @@ def recorder_data(text: str) -> RecorderData:
 
 @dataclass(slots=True)
 class FileStatistics:
-    """Message counts and log times of a bag file while it is written; times are nanoseconds since 1970."""
+    """Message counts and log times of a bag file that is being written; times are nanoseconds since 1970."""
 
     path: str
     first: int | None = None
@@ -237,7 +239,9 @@ def metadata_text(
 
 
 def write_metadata(folder: Path, text: str) -> None:
-    """Write ``metadata.yaml`` into a bag folder; an older file is unchanged if the disk is full."""
+    """Write ``metadata.yaml`` into a bag folder; if writing fails, as on a full disk, an existing file
+    stays unchanged.
+    """
     with written_durably(folder / FILE) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -260,7 +264,10 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 
 def qos_profiles(text: str) -> list[QoSProfile]:
-    """Return the QoS profiles in a topic's YAML, with numbers or names as values; [] if the text cannot be read."""
+    """Return the QoS profiles that a bag stores for a topic as YAML; [] if the text cannot be read.
+
+    Policies may be stored as numbers or as names.
+    """
     try:
         return [_parse_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
     except Exception:  # the same as in `read_metadata`

@@ -60,7 +60,7 @@ def table(
 
 
 def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Get]:
-    """Return a function for each column that reads its value from a message.
+    """Return one function for each column of a table; it returns the column's value for a message.
 
     Raises:
         BagError: the definitions of the topic have different columns.
@@ -74,7 +74,10 @@ def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Ge
 
 
 def _copying_getter(column: Column, pad: Any) -> Get:
-    """Return a function that reads a column from a message and copies sequences, as views would retain the message."""
+    """Return a function that reads the value of a column from a message and copies sequences.
+
+    A sequence of a decoded message shares the memory of the message, which would otherwise stay in memory.
+    """
     get, kind, length = column.get, column.kind, column.length
     if length is None or (pad is not None and length != VARIABLE_LENGTH):
         return get
@@ -151,7 +154,9 @@ def _padded_column(column: Column, values: list[Any], pad: Any) -> tuple[str, tu
 
 
 def _text_kind(texts: list[str]) -> str:
-    """Return the numpy type of a text column: as long as the longest text, or objects if few texts are far longer."""
+    """Return the numpy type for a column of texts: fixed-length text, or objects if a few texts are far longer than the
+    others.
+    """
     longest = max(map(len, texts), default=1) or 1
     size = 4 * longest * len(texts)
     return "O" if size > _MIN_LIMITED_BYTES and size > 4 * _MAX_PADDING_FACTOR * sum(map(len, texts)) else f"U{longest}"
@@ -167,7 +172,10 @@ def _padded(value: Any, length: int, kind: str, pad: Any) -> Any:
 
 
 def _typed_pad(column: Column, pad: Any) -> Any:
-    """Return the padding value in the type of the column; raise ValueError if the conversion changes the value."""
+    """Return the padding value converted to the type of its column.
+
+    Raises ValueError if the conversion changes the value.
+    """
     if isinstance(pad, str) != (column.kind == "U"):
         raise ValueError(f"pad={pad!r:.50} is not a {'text' if column.kind == 'U' else 'number'}; {_PAD_ADVICE}")
     if column.kind == "U":
@@ -208,7 +216,9 @@ def to_dataframe(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
 
 
 def _element_names(name: str, count: int) -> list[str]:
-    """Return the names of a column's elements: ``x[2]`` and ``x[3]`` for ``x[2:4]``; ``x[0]`` … without a slice."""
+    """Return a name for each element of an array column: ``x[2]`` and ``x[3]`` for ``x[2:4]``, ``x[0]`` and so on for
+    ``x``.
+    """
     match = re.search(r"\[\s*(-?\d*)\s*:[^\]]*\]", name)
     start = int(match[1] or 0) if match else 0
     before, after = (name[: match.start()], name[match.end() :]) if match else (name, "")

@@ -156,7 +156,7 @@ class BagReader:
             raise
 
     def _contents(self) -> tuple[list[BagTopic], list[BagTopic], dict[str, BagTopic], int, int]:
-        """Return stored channels, merged channels, topics, first and last log time of the bag, as its files state."""
+        """Return what the files of the bag state: stored channels, merged channels, topics, first and last log time."""
         stored = merge_stored_channels(channel for file in self._files for channel in file.stored_channels())
         channels = merge_channels(stored)  # of one topic and definition there are several if QoS or metadata differ
         spans = [span for file in self._files if (span := file.span()) is not None]
@@ -380,9 +380,9 @@ class BagReader:
         may_skip: bool,
         message_class: type[Message] | None,
     ) -> Callable[[bytes | memoryview], Any] | None:
-        """Return the decoder of a channel's messages; None if the topic cannot be decoded and may be skipped.
+        """Return the function that decodes a channel's messages.
 
-        `first` is the first message of the channel.
+        Returns None if the topic cannot be decoded and may be skipped. `first` is the first message of the channel.
         """
         topic = channel.info
         try:
@@ -569,12 +569,12 @@ class BagReader:
 
 
 def stored_files(reader: BagReader) -> Sequence[Storage]:
-    """Return the open files of a bag."""
+    """Return the readers of the files of an open bag."""
     return reader._files
 
 
 def stored_channels(reader: BagReader) -> Sequence[BagTopic]:
-    """Return the channels of a bag as stored, one for each channel of the files."""
+    """Return the channels of an open bag as its files store them, with one entry for each channel of each file."""
     return reader._stored_channels
 
 
@@ -584,18 +584,20 @@ def stated_metadata(reader: BagReader) -> BagMetadata | None:
 
 
 def set_stated_metadata(reader: BagReader, metadata: BagMetadata | None) -> None:
-    """Replace the result of `stated_metadata`."""
+    """Replace the metadata of an open bag that `stated_metadata` returns."""
     reader._metadata = metadata
 
 
 def messages_as_stored(reader: BagReader) -> Iterator[RawMessage]:
-    """Yield all messages of a bag of one file as stored: still compressed if rosbag2 compressed single messages."""
+    """Yield all messages of a bag of one file without decompressing messages that rosbag2 compressed one by one."""
     (file,) = reader._files
     return as_raw_messages(file.stored_messages())
 
 
 def find_all_channels(reader: BagReader) -> None:
-    """Read the parts of files that no index describes, which may define more channels, and update the topics."""
+    """Read those parts of the files of an open bag that no index describes, and update the topics by the channels found
+    there.
+    """
     for file in reader._files:
         file.unused_schemas()
     reader._stored_channels, reader.channels, reader.topics, reader.start_ns, reader.end_ns = reader._contents()

@@ -82,7 +82,7 @@ class Reindexed(NamedTuple):
 
 
 OnProgress: TypeAlias = "Callable[[int, int], object]"
-"""Callback that receives the number of bytes read so far, and the number of all bytes."""
+"""Callback for the progress of a repair, which receives the number of bytes read so far and the number of all bytes."""
 _MESSAGES_PER_REPORT = 64
 
 
@@ -99,7 +99,9 @@ def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
 
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
-    """Yield all messages of an open bag file as stored, and report progress from the present position to `end`."""
+    """Yield all messages of an open bag file as they are stored, and report progress in bytes up to `end` to the
+    callback.
+    """
     return _with_progress(messages_as_stored(reader), reader, progress, end)
 
 
@@ -114,7 +116,10 @@ def _with_progress(messages: Iterable[T], reader: BagReader, progress: ReadingPr
 
 
 class _Repairs:
-    """Repaired forms of bag files, which replace the old files when all are complete. Use it with ``with``."""
+    """Set of repaired bag files, which replace the old files when all repaired files are complete.
+
+    Use it with ``with``.
+    """
 
     def __init__(self) -> None:
         self._resources = ExitStack()
@@ -170,7 +175,9 @@ class _Repairs:
         self._written.append((partial, file))
 
     def replace_files(self) -> tuple[RepairedFile, ...]:
-        """Rename the old bag files, and give the repaired files their names."""
+        """Rename the old bag files to names that end with ``.unindexed``, and move the repaired files to
+        the old names.
+        """
         return tuple(_replace_file(partial, file) for partial, file in self._written)
 
 
@@ -179,9 +186,10 @@ def _backup_of(file: Path) -> Path:
 
 
 def _replace_file(partial: Path, file: Path) -> RepairedFile:
-    """Replace `file` by `partial` and return both names; the old file gets the ending ``.unindexed``.
+    """Replace the bag file `file` by the repaired file `partial`, and return the new names of both files.
 
-    At any moment the name leads to the old or to the new file.
+    The old file gets the ending ``.unindexed``. At any moment the original name leads to the old or to the repaired
+    file.
     """
     backup = _backup_of(file)
     file = file.resolve()
@@ -206,7 +214,7 @@ def _replace_file(partial: Path, file: Path) -> RepairedFile:
 
 
 class _Survey:
-    """Check of the files of a bag one after the other, with the repair of those that need it."""
+    """Check of the files of one bag, one file after the other, which also repairs files that need it."""
 
     def __init__(self, progress: ReadingProgress, repairs: _Repairs) -> None:
         self._progress, self._repairs = progress, repairs
@@ -382,6 +390,8 @@ def _single_kind(folder: Path, kinds: set[str]) -> str:
 
 
 def _file_number(file: Path) -> tuple[int, str]:
-    """Return the sort key of a bag file: the number in its name, which rosbag2 writes without leading zeros."""
+    """Return the number in the name of a bag file, by which files are sorted, because rosbag2 writes it without leading
+    zeros.
+    """
     numbers = _NUMBER.findall(file.name.removesuffix(SUFFIX))  # so that the 3 in .db3 is not matched
     return (int(numbers[-1][:18]) if numbers else -1), file.name

@@ -39,7 +39,10 @@ def is_url(location: str) -> bool:
 
 
 def has_colons_in_names(url: str) -> bool:
-    """Return True if ``::`` belongs to a name in the URL of a bag; fsspec would parse it as a chain of URLs."""
+    """Return True if ``::`` in the URL of a bag belongs to a file name.
+
+    The package fsspec would take the colons as a separator between two URLs.
+    """
     first, separator, rest = url.partition("::")
     protocol, is_one, _ = first.partition("://")
     return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
@@ -78,7 +81,7 @@ def unreachable_as_error(location: object) -> Iterator[None]:
 
 
 def opened(path: Path) -> IO[bytes]:
-    """Return the local or remote file of a bag opened for reading at any offset."""
+    """Open the local or remote file of a bag for reading at any offset."""
     return path.open("rb") if isinstance(path, Path) else cast("IO[bytes]", _RangeFile(path))
 
 

@@ -1,4 +1,5 @@
-"""Base of the bag writers: writes the files of a bag one after the other, and ``metadata.yaml`` of a folder.
+"""Base class of the bag writers, which writes the files of a bag one after the other, and ``metadata.yaml`` of a
+folder.
 
 rosbag2 compresses whole files or single messages, with zstd. Chunks inside MCAP files are compressed independently of
 that (`mcap_writer.py`).
@@ -124,7 +125,7 @@ class SplittingWriter:
     def _inherit(
         self, profile: str, ros_distro: str, custom_data: Mapping[str, str], values: Mapping[str, str]
     ) -> None:
-        """Set the metadata that a copy takes from the copied recording, before anything else is written.
+        """Set the metadata that a copied bag takes from the original recording, before anything else is written.
 
         Args:
             profile: profile for the header of MCAP files.

@@ -173,7 +173,10 @@ class SqliteWriter(SplittingWriter):
             self._database.execute("update schema set ros_distro = ?", (self._ros_distro,))
 
     def _add_schema(self, schema: BagTopic) -> None:
-        """Add a definition that no topic uses; count it as omitted if its type already has a definition."""
+        """Add a message definition that no topic uses to the bag.
+
+        Count it as omitted if its type has a definition already.
+        """
         if schema.type_name in self._described:
             self._omitted["schemas"] += 1
         else:

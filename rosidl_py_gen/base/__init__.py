@@ -1,4 +1,5 @@
 """Modules that several packages share: names, field types, type descriptions, resources, YAML and JSON.
 
-`base` imports no other package of the product. Its names are not public; `rosidl_py_gen` exports the public ones.
+The package `base` imports no other package of the product. Its names are not public; `rosidl_py_gen` exports the public
+ones.
 """

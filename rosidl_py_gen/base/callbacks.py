@@ -45,13 +45,16 @@ class Registration:
 
 
 class RegistrationSet(Generic[T]):
-    """Set of registered objects, oldest first; an iteration skips objects that are removed during it."""
+    """Set of registered objects, oldest first. An iteration skips objects that are removed while it runs."""
 
     def __init__(self) -> None:
         self._items: dict[object, T] = {}
 
     def add(self, item: T) -> Registration:
-        """Add an object and return its registration, which removes it; an object may be added several times."""
+        """Add an object and return a registration whose `close` removes the object.
+
+        An object may be added several times.
+        """
         key = object()
         self._items[key] = item
         return Registration(lambda: self._items.pop(key, None))
@@ -74,7 +77,7 @@ class CallbackSignatureError(RosidlError, TypeError):
 
 
 def require_signature(function: Callable[..., Any], subject: str, *arguments: str, hint: str = "") -> None:
-    """Raise `CallbackSignatureError` unless a function can be called with some positional arguments.
+    """Raise `CallbackSignatureError` unless a function can be called with the given positional arguments.
 
     Args:
         subject: name of the callback in the error text.

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from rosidl_py_gen.base.fieldtype import FieldType
 
 FieldRow = tuple[str, FieldType, str]
-"""Name, type and text of the default value of a field; the text may be empty."""
+"""Field of a type for type descriptions: name, type, and text of the default value, which may be empty."""
 FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
 T = TypeVar("T")
@@ -55,12 +55,14 @@ def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
 
 
 def build_type_description(name: str, lookup: FieldLookup) -> Description:
-    """Return the type description of a type, including the types that it refers to, from the fields of each type."""
+    """Return the type description of a type and of all types to which it refers, made from the fields of each type."""
     return full_description(name, lambda part: individual_description(part, lookup(part)))
 
 
 def full_description(name: str, individual: Callable[[str], Description]) -> Description:
-    """Return the type description of a type, including the types that it refers to, from individual descriptions."""
+    """Return the type description of a type and of all types to which it refers, made from descriptions of single
+    types.
+    """
     top, *referenced = _closure(name, individual, _nested_types).values()
     return {"type_description": top, "referenced_type_descriptions": referenced}
 
@@ -70,7 +72,8 @@ def _nested_types(individual: Description) -> Iterable[str]:
 
 
 def _closure(name: str, get: Callable[[str], T], below: Callable[[T], Iterable[str]]) -> dict[str, T]:
-    """Return the values of a type and all types below it, by name: first the type, then the others in name order.
+    """Return the values of a type and of all types to which it refers, by name: first the type, then the others in name
+    order.
 
     `get` returns the value of a type, `below` the names of the types that a value refers to.
     """
@@ -85,7 +88,10 @@ def _closure(name: str, get: Callable[[str], T], below: Callable[[T], Iterable[s
 
 
 def rihs01(description: Description) -> str:
-    """Return the RIHS01 hash of a type description that includes the types it refers to; defaults do not count."""
+    """Return the RIHS01 hash of a type description, which must include all types to which the type refers.
+
+    Defaults do not count.
+    """
     referenced = map(_hashed_text, description["referenced_type_descriptions"])
     return _hash(_hashed_text(description["type_description"]), referenced)
 
@@ -107,7 +113,7 @@ def _hash(top: str, referenced: Iterable[str]) -> str:
 
 
 class TypeHasher:
-    """RIHS01 hashes of types that refer to each other; the hashed text of each type is made only once."""
+    """Calculator of RIHS01 hashes of types that refer to each other; the hashed text of each type is made only once."""
 
     def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
@@ -115,7 +121,10 @@ class TypeHasher:
         self._hashes: dict[str, str] = {}
 
     def of(self, name: str) -> str:
-        """Return the RIHS01 hash of the type `name`; the lookup must know all types that it contains, or raises."""
+        """Return the RIHS01 hash of the type `name`.
+
+        The function that looks up fields must know all types that the type contains, or raise an exception.
+        """
         if name not in self._hashes:
             (top, _), *others = _closure(name, self._text, lambda found: found[1]).values()
             self._hashes[name] = _hash(top, (text for text, _ in others))

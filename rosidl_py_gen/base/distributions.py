@@ -24,13 +24,14 @@ DEFAULT = "jazzy"
 differences."""
 ENVIRONMENT_VARIABLE = "ROS_DISTRO"
 _BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
-"""Distribution to which the stored differences of each other distribution are relative."""
+"""Distribution by distribution name: the stored definitions of the key are differences from the definitions of the
+value."""
 _SAME_AS = {"rolling": "lyrical"}
 NAMES = (*DISTRIBUTIONS, *_SAME_AS)
 """Names with which users can select a distribution."""
 _command_selections: list[str] = []
-"""Distributions that open blocks of `distribution_of_command` have selected; the last one counts. Tasks in several
-threads select the same."""
+"""Distributions that commands running in this process have selected by `distribution_of_command`; the last one counts.
+Tasks in several threads select the same distribution."""
 _reported: set[str] = set()
 
 
@@ -43,7 +44,8 @@ class DistributionChoice(NamedTuple):
 
 _DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
 ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
-"""Environment variable with the value that `rosidl-py run` or a setup script of a prefix has set ROS_DISTRO to."""
+"""Environment variable in which `rosidl-py run`, or a setup script of a prefix, records the value to which it has set
+ROS_DISTRO."""
 
 
 def checked_distribution(name: str) -> str:
@@ -88,9 +90,10 @@ def is_selected_since(distro: str) -> bool:
 
 
 def command_distribution() -> str | None:
-    """Return the distribution that `distribution_of_command` selected; without it None.
+    """Return the distribution that the running command has selected by `distribution_of_command`.
 
-    Returns "" if ROS_DISTRO has the value that `rosidl-py run` or a setup script of a prefix has set.
+    Returns None without a selection. Returns "" if ROS_DISTRO has the value that `rosidl-py run` or a setup script of a
+    prefix has set.
     """
     if _command_selections:
         return _command_selections[-1]
@@ -99,7 +102,9 @@ def command_distribution() -> str | None:
 
 @contextmanager
 def distribution_of_command(distro: str) -> Iterator[None]:
-    """Select a distribution for all calls without ``distro=`` inside the block, as a command's option ``--distro``."""
+    """Select a distribution inside the block, as a command's option ``--distro`` does, for all calls without
+    ``distro=``.
+    """
     name = checked_distribution(distro)
     _command_selections.append(name)
     try:
@@ -109,7 +114,9 @@ def distribution_of_command(distro: str) -> Iterator[None]:
 
 
 def layers(distro: str) -> list[str]:
-    """Return the distributions whose stored differences, applied in order, lead from the default to a distribution."""
+    """Return the distributions whose stored differences, applied in this order to the default definitions, give a
+    distribution's definitions.
+    """
     found: list[str] = []
     while distro != DEFAULT:
         found.insert(0, distro)

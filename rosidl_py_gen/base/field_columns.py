@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Get: TypeAlias = "Callable[[Any], Any]"
 Op: TypeAlias = "str | Get"
-"""Operation on a value: the name of an attribute to read, or a function."""
+"""Operation that a column applies to a value: the name of an attribute to read, or a function."""
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _TIME_FIELDS = [("sec", "int32"), ("nanosec", "uint32")]
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
@@ -33,7 +33,7 @@ _MAX_LISTED_NAMES = 500
 
 
 class FieldPathError(RosidlError, ValueError):
-    """Error of a field path that a message class does not have; the text names the valid columns."""
+    """Error for a field path that does not exist in a message class; the text names the valid columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,9 @@ class Column:
 
 
 def is_time(cls: type[Any]) -> bool:
-    """Return True for the classes of Time and Duration; a bag may contain other definitions with these names."""
+    """Return True for the classes of Time and Duration messages, if they have the usual fields: a bag may define these
+    names otherwise.
+    """
     info = cls._TYPE
     return info.name in _TIMES and [(one.ros_name, str(one.type)) for one in info.fields] == _TIME_FIELDS
 
@@ -133,9 +135,10 @@ def _index(field: Any, index: int, here: str) -> Get:
 
 
 def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
-    """Append a slice of an array or sequence to `ops`; return the elements in a row, or `VARIABLE_LENGTH`.
+    """Append the operation for a slice of an array or sequence to `ops`.
 
-    Raises `FieldPathError` if the slice ends after a fixed array.
+    Returns the number of elements in the slice, or `VARIABLE_LENGTH`. Raises `FieldPathError` if the slice ends after a
+    fixed array.
     """
     start, stop = (int(text) if text else None for text in (match[3], match[4]))
     if field.type.arity is Arity.ARRAY:
@@ -151,7 +154,10 @@ def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
 
 
 def _combined(ops: list[Op]) -> Get:
-    """Return one function for a chain of operations; operations after a slice (`itemgetter`) apply to each element."""
+    """Return one function that applies a chain of operations.
+
+    Operations after a slice (`itemgetter`) apply to each element.
+    """
     at = next((number for number, op in enumerate(ops, 1) if isinstance(op, itemgetter)), len(ops))
     before, behind = _chain(ops[:at]), ops[at:]
     if not behind:
@@ -161,7 +167,10 @@ def _combined(ops: list[Op]) -> Get:
 
 
 def _chain(ops: list[Op]) -> Get:
-    """Return one function for a chain of operations without slices; consecutive attributes use one `attrgetter`."""
+    """Return one function that applies a chain of operations without slices.
+
+    Consecutive attributes use one `attrgetter`.
+    """
     steps: list[Get] = []
     for is_name, group in groupby(ops, lambda op: isinstance(op, str)):
         names: list[Any] = list(group)

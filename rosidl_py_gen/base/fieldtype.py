@@ -61,7 +61,7 @@ INTEGER_RANGES: dict[str, tuple[int, int]] = {
 
 
 class Arity(Enum):
-    """Kinds of fields by their number of values; the value is added to the type id in type descriptions.
+    """Kinds of fields: one value, array or sequence. The number of a kind is added to the type id in type descriptions.
 
     Source: docs/internals/protocol.md 3.2.
     """
@@ -111,9 +111,9 @@ class FieldType:
         return self.base + bound + arity.format(self.capacity)
 
     def description(self) -> dict[str, int | str]:
-        """Return the `type` of a field in a type description (docs/internals/protocol.md 3.2).
+        """Return the field `type` of a type description for this type (docs/internals/protocol.md 3.2).
 
-        The description that rosidl makes of an unbounded sequence of bounded wstrings is wrong, and is matched here
+        rosidl describes an unbounded sequence of bounded wstrings wrongly; this method returns the same wrong values
         (1.7).
         """
         arity, capacity = self.arity, self.capacity
@@ -139,7 +139,10 @@ _TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCI
 
 @lru_cache(maxsize=4096)
 def parse_field_type(text: str) -> FieldType:
-    """Return the type that a text in generated code (``str(FieldType)``) stands for; the text is trusted."""
+    """Return the field type whose text, ``str(FieldType)``, a generated class contains.
+
+    The text is trusted, so it is not checked.
+    """
     match = _TEXT.match(text)
     assert match is not None, text
     base, bound, upper, size = match.groups()

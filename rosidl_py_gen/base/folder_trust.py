@@ -28,7 +28,7 @@ entries."""
 
 
 def distrust_reason(path: str | os.PathLike[str]) -> str:
-    """Return why other users can replace a folder or change its entries; "" if they cannot.
+    """Return a text that states why other users can replace a folder or change its entries; "" if they cannot.
 
     The end of the path may not exist. A group whose only member is the user is accepted, because some systems make all
     folders writable for such a group.
@@ -37,7 +37,10 @@ def distrust_reason(path: str | os.PathLike[str]) -> str:
 
 
 def resolve_trusted(path: str | os.PathLike[str]) -> tuple[str, str]:
-    """Return the result of `distrust_reason` for a path, and the path with links resolved as far as it was checked."""
+    """Check a path as `distrust_reason` does.
+
+    Returns the result of the check, and the path with links resolved as far as it was checked.
+    """
     place = os.fspath(path)
     if not hasattr(os, "geteuid"):
         return "", os.path.realpath(place)
@@ -76,7 +79,10 @@ def resolve_trusted(path: str | os.PathLike[str]) -> tuple[str, str]:
 
 
 def own_folder_reason(folder: str | os.PathLike[str]) -> str:
-    """Return why a folder is not owned by the user, or writable for others; "" if it is not, or does not exist."""
+    """Return a text that states why a folder is not private to the user: another owner, or writable for others.
+
+    Returns "" if it is private or does not exist.
+    """
     if not hasattr(os, "geteuid"):
         return ""
     try:
@@ -89,9 +95,10 @@ def own_folder_reason(folder: str | os.PathLike[str]) -> str:
 
 
 def part_reason(path: str | os.PathLike[str], *, is_folder: bool, root: str | os.PathLike[str] = "") -> str:
-    """Return why another user may have created, or can change, a file or folder; "" if not, or if it does not exist.
+    """Return a text that states why another user may have created, or can change, a file or folder.
 
-    The folders above are not checked. A folder must not be a link. Each file that a link leads to must be trusted.
+    Returns "" if not, or if it does not exist. The folders above are not checked. A folder must not be a link. Each
+    file that a link leads to must be trusted.
 
     Args:
         root: folder whose parents are not checked for links into it, either; empty for the folder of the file.
@@ -128,7 +135,9 @@ def part_reason(path: str | os.PathLike[str], *, is_folder: bool, root: str | os
 
 
 def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: bool) -> str:
-    """Return why an entry of a folder, at any depth, may be from another user; "" if there is no such entry.
+    """Return a text that states why an entry of a folder, at any depth, may be from another user.
+
+    Returns "" if there is no such entry.
 
     Args:
         accepts_private_group: entries may be writable for a group whose only member is the user.
@@ -164,9 +173,9 @@ def is_own(found: os.stat_result) -> bool:
 
 
 def make_folder(folder: Path, mode: int = PRIVATE) -> None:
-    """Create a folder and its missing parents, which the user can use with any umask.
+    """Create a folder and its missing parents with permissions that let the user use them, whatever the umask is.
 
-    The umask may remove permissions of groups and other users from `mode`, and nothing adds any.
+    The umask may remove permissions of groups and other users from `mode`; it adds none.
     """
     missing = takewhile(lambda one: not os.path.lexists(one), (folder, *folder.parents))
     for one in reversed([*missing]):
@@ -179,7 +188,7 @@ def make_folder(folder: Path, mode: int = PRIVATE) -> None:
 
 
 def _kind_reason(path: str | os.PathLike[str], found: os.stat_result) -> str:
-    """Return why a path is not a real folder (a link, or a file); "" for a folder."""
+    """Return a text that states why a path is not a real folder (it is a link, or a file); "" for a folder."""
     if stat.S_ISLNK(found.st_mode):
         return f"{os.fspath(path)} is a symbolic link"
     return "" if stat.S_ISDIR(found.st_mode) else f"{os.fspath(path)} is not a folder"
@@ -196,7 +205,10 @@ def _is_trusted(place: str, found: os.stat_result, *, accepts_sticky: bool = Tru
 
 
 def _has_access_list(place: str) -> bool:
-    """Return True if a file has an access list (ACL), which may let users write where the mode names the group."""
+    """Return True if a file has an access control list (ACL).
+
+    Such a list may let users write although the mode names only a group.
+    """
     if not hasattr(os, "listxattr"):
         return False
     try:

@@ -57,7 +57,7 @@ class CommandInterrupts:
             self.ignores_first = True
 
     def note(self) -> None:
-        """Record that the first SIGINT was received now, by another handler."""
+        """Record that another signal handler has received the first SIGINT now."""
         self._first_s = time.monotonic()
 
     def repeat_ignored(self, unraisable: Any) -> None:
@@ -82,7 +82,9 @@ class CommandInterrupts:
 
 
 def _interrupt_again(hook: FrameType) -> None:
-    """Send SIGINT when the main thread has left the function `hook`, which would ignore a KeyboardInterrupt, too."""
+    """Wait until the main thread has left the function `hook`, in which Python would ignore a KeyboardInterrupt, then
+    send SIGINT again.
+    """
     from traceback import walk_stack  # slow to import
 
     while hook in (frame for frame, _ in walk_stack(sys._current_frames().get(threading.main_thread().ident or 0))):

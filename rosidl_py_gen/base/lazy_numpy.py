@@ -1,8 +1,9 @@
-"""Stand-in for numpy that imports numpy at the first use of a name, as the import slows the start of small programs.
+"""Replacement for the module numpy that imports numpy at the first use of a name, because the import slows the start of
+small programs.
 
 The import takes a quarter of the start of a small program. ``from rosidl_py_gen.base import lazy_numpy as np`` replaces
-``import numpy as np``. As long as no module has imported numpy, no object is an array or a number of numpy; tests with
-`isinstance` and ``type(x) is`` do not import numpy then.
+``import numpy as np``. As long as no module has imported numpy, no object is an array or a number of numpy, so tests
+with `isinstance` and ``type(x) is`` do not import numpy.
 
 Thread: any. Two threads may both import numpy: the second one waits for the first in the import.
 """
@@ -17,7 +18,7 @@ HAS_GIL = getattr(sys, "_is_gil_enabled", lambda: True)()
 
 
 class _NoInstances:
-    """Class without instances, which stands for a class of numpy until numpy is imported."""
+    """Class without instances, which replaces a class of numpy in `isinstance` tests until numpy is imported."""
 
 
 def __getattr__(name: str) -> object:

@@ -12,7 +12,11 @@ TABLE_FILE = Path(__file__).with_name("message_packages.txt")
 
 @cache
 def package_rows() -> dict[str, list[str]]:
-    """Return the row of each well-known package: repository, branches and packages; {} if the table cannot be read."""
+    """Return the table of well-known message packages by package name: repository, branches and packages of that
+    repository.
+
+    Returns {} if the table cannot be read.
+    """
     try:
         lines = TABLE_FILE.read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -41,7 +45,10 @@ def branch_of(package: str, distro: str) -> tuple[str, str]:
 
 
 def download_note(package: str, distro: str) -> str:
-    """Return where a well-known package is, and the commands to get and use it; "" for an unknown package."""
+    """Return a text about where a well-known package can be found, with the commands to get and use it.
+
+    Returns "" for an unknown package.
+    """
     row = package_rows().get(package)
     if row is None:
         return ""

@@ -30,7 +30,7 @@ _MAX_BYTES = 1 << 20
 
 
 class GeneratedPackages:
-    """Import finder for the generated message packages of one folder, and no other modules there.
+    """Import finder that finds the generated message packages of one folder, and no other modules in that folder.
 
     A folder on `sys.path` would also provide other modules, such as an optional dependency of a library, so a
     downloaded folder could run code in every command that is started in it.

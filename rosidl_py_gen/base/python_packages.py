@@ -1,4 +1,7 @@
-"""Table of Python packages of ROS that the package index lacks; ``rosidl-py launch --install`` installs them."""
+"""Table of Python packages of ROS that are not on the Python package index.
+
+``rosidl-py launch --install`` installs them.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,17 @@ REPOSITORIES = {
     "ros2/launch_ros": ("launch_ros", "launch_testing_ros"),
     "ros-navigation/navigation2": ("nav2_common", "nav2_simple_commander"),
 }
-"""Packages of each repository of GitHub; its branches have the names of the distributions."""
+"""Packages in each GitHub repository; the branches of a repository have the names of the ROS distributions."""
 LAUNCH_PACKAGES = ("launch", "launch_xml", "launch_yaml", "launch_ros")
-"""Packages that ``rosidl-py launch`` needs. The package index has another `launch`: docs/internals/protocol.md 15."""
+"""Packages of ROS that ``rosidl-py launch`` needs. The package `launch` of the Python package index is another one:
+docs/internals/protocol.md 15."""
 MESSAGES = {
     "nav2_simple_commander": {
         "ros-geographic-info/geographic_info": ("geographic_msgs",),
         "ros-navigation/navigation2": ("nav2_msgs",),
     }
 }
-"""Message packages, by repository, that a package imports and that are not bundled."""
+"""Message packages that a package of the table imports and that are not bundled, by repository."""
 
 
 def repository_of(package: str) -> str:
@@ -35,6 +39,9 @@ def install_command_of(*packages: str) -> str:
 
 
 def install_note(package: str) -> str:
-    """Return where a package of the table is, and the command that installs it; "" for an unknown package."""
+    """Return a text about where a package of the table is, with the command that installs it.
+
+    Returns "" for an unknown package.
+    """
     repository = repository_of(package)
     return repository and f"{package} is in https://github.com/{repository}: {install_command_of(package)}"

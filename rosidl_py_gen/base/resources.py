@@ -46,7 +46,7 @@ _EXTRA_OF = {
     "osrf_pycommon": "launch",
     "packaging": "launch",
 }
-"""Modules that only an extra installs, each with its extra."""
+"""Names of modules that an extra of this package installs, each with the name of the extra."""
 WITHOUT_WHEELS = {"lz4": (3, 15), "mcap": (3, 15), "zstandard": (3, 15)}
 """Modules that extras do not install, each with the first Python version without wheels for it in the package index."""
 
@@ -90,9 +90,9 @@ def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
 
 
 def require_modules(*modules: str) -> None:
-    """Raise `ExtraMissingError` for the first of the modules that is not installed.
+    """Raise `ExtraMissingError` for the first of the named modules that is not installed.
 
-    A feature that needs several extras requires the module of the extra that includes the others.
+    A feature that needs several extras passes the module of the extra that includes the others.
     """
     from importlib.util import find_spec
 
@@ -123,7 +123,10 @@ def install_command(extra: str) -> str:
 
 
 def _from_url(origin: dict[str, Any], extra: str) -> str:
-    """Return the command that installs an extra from a recorded origin (PEP 610); "" if it does not exist."""
+    """Return the command that installs an extra from the place where this package was installed from (PEP 610).
+
+    Returns "" if it does not exist any more.
+    """
     import shlex
     from urllib.parse import urlsplit
     from urllib.request import url2pathname

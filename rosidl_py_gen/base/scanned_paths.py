@@ -1,4 +1,6 @@
-"""Record of the files and folders that a search has read, so that its result can be cached until one changes."""
+"""Recorder of the files and folders that a search reads. The search's result can be cached until one of
+them changes.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,21 @@ def stamp(path: str) -> Stamp:
 
 
 def note(path: str | os.PathLike[str]) -> None:
-    """Record the state of a file or folder, which may be missing, for a running `recorded`; call before reading it."""
+    """Record the state of a file or folder, which may be missing, for a call of `recorded` that is running in this
+    thread.
+
+    Must be called before the file or folder is read.
+    """
     stamps = _stamps.get()
     if stamps is not None and (text := os.path.abspath(path)) not in stamps:
         stamps[text] = stamp(text)
 
 
 def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
-    """Return the states of all paths that a search records by `note` in this thread, and the result of the search."""
+    """Run a search.
+
+    Returns the states of all paths that the search has passed to `note` in this thread, and the search's result.
+    """
     stamps: dict[str, Stamp] = {}
     token = _stamps.set(stamps)
     try:

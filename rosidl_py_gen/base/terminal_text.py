@@ -18,7 +18,7 @@ _SPECIAL = re.compile("[^\n -~]")
 
 
 def printable_lines(text: str) -> str:
-    """Return the text with U+FFFD for characters that control a terminal, except line breaks and tabs."""
+    """Return the text with U+FFFD in place of characters that control a terminal; line breaks and tabs stay."""
     lines = text.replace("\r\n", "\n").split("\n")
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
 
@@ -37,13 +37,15 @@ def pluralize(number: int, noun: str) -> str:
 
 
 def print_next_step(*words: str) -> None:
-    """Print a command that users probably call next, after ``next:`` on standard error; only on a terminal."""
+    """Print a command that users probably call next, after the word ``next:`` on standard error, if that is
+    a terminal.
+    """
     if sys.stdout.isatty() and sys.stderr.isatty():
         print(printable_line(f"next: {' '.join(words)}"), file=sys.stderr, flush=True)
 
 
 def json_text(data: Any, *, indent: int | None = None) -> str:
-    """Return valid JSON on one line, or indented, for a terminal.
+    """Return a value as JSON text for a terminal, on one line or indented.
 
     NaN and the infinities become the strings of `rosidl_py_gen.to_json`; control characters become escapes.
     """
@@ -55,7 +57,9 @@ def json_text(data: Any, *, indent: int | None = None) -> str:
 
 
 def json_value(value: Any) -> Any:
-    """Return a plain value (dicts, lists, scalars) with NaN and the infinities as strings, as JSON has none."""
+    """Return a plain value (dicts, lists, scalars) in which NaN and the infinities are replaced by strings, as JSON has
+    none.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, dict):

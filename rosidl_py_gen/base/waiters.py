@@ -12,7 +12,8 @@ T = TypeVar("T")
 
 
 current_loop: Callable[[], asyncio.AbstractEventLoop | None] = asyncio._get_running_loop
-"""Return the event loop that this thread runs; None if it runs none. A function in C, which is called very often."""
+"""Function that returns the event loop which this thread runs; None if it runs none. A C function, because it is called
+very often."""
 
 
 def set_result_if_pending(future: asyncio.Future[T], result: T) -> None:
@@ -32,10 +33,11 @@ def complete_threadsafe(future: asyncio.Future[Any], result: object, error: Base
 
 
 class Waiters:
-    """Condition variable across event loops and threads: tasks wait in order of arrival for a predicate.
+    """Condition variable across event loops and threads: tasks wait in order of arrival until a predicate is true.
 
-    A waiter appends its future and then checks the predicate again: a change that another thread makes after the first
-    check either is seen by the second check or finds the future. The caller of `wake` changes the state first.
+    The caller of `wake` changes the state first, then wakes the tasks. A waiting task appends its future and then
+    checks the predicate again. So a change that another thread makes after the first check is never missed: either the
+    second check sees it, or `wake` finds the future.
     """
 
     __slots__ = ("_futures",)
@@ -86,7 +88,7 @@ class Waiters:
                 timer.cancel()
 
     def wake(self) -> None:
-        """Wake up all waiting tasks, so that they check their predicates again. Thread: any."""
+        """Make all waiting tasks check their predicates again. Thread: any."""
         futures = self._futures
         if not futures:
             return

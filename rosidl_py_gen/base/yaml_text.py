@@ -1,14 +1,16 @@
-"""The YAML loader of the whole package: PyYAML's safe loader in C, with bounded cost and without YAML 1.1 surprises.
+"""YAML loader of the whole package: PyYAML's safe loader in C, with limits of cost and without surprising rules of YAML
+1.1.
 
-The rules for every text, which may come from an untrusted file or peer:
+A text may come from an untrusted file or peer. These rules apply to every text:
 
-- At most `MAX_BYTES` bytes and `MAX_VALUES` values, aliases written out; at most 100 levels, because libyaml and PyYAML
-  recurse in C.
-- At most `_MAX_DIRECTIVES` ``%TAG`` lines, which libyaml compares with each other: 80 000 lines take 14 s.
+- A text has at most `MAX_BYTES` bytes, and at most `MAX_VALUES` values after aliases are replaced. It has at most 100
+  levels, because libyaml and PyYAML recurse in C.
+- A text has at most `_MAX_DIRECTIVES` ``%TAG`` lines, because libyaml compares them with each other: 80 000 lines take
+  14 s.
 - Numbers have at most 400 characters. They are written as in JSON and YAML 1.2, such as ``1e-3``; the integers of YAML
   1.1 (``1:30``, ``010``, ``1_000``) are texts. PyYAML reads ``1:30:…`` in quadratic time: 200 000 parts in 30 s.
-- A key is the text that is written there. PyYAML would convert it, and a dict of integers chosen by an attacker takes
-  quadratic time.
+- A key is the text that is written there. PyYAML would convert the text, and a dict of integers chosen by an attacker
+  takes quadratic time.
 
 `tests/core/base/test_yaml_text.py` has the cases.
 """
@@ -67,7 +69,7 @@ class YamlError(RosidlError, ValueError):
         super().__init__(f"{self.place}: {self.problem}" if self.place else self.problem)
 
     def at(self, name: str) -> str:
-        """Return the error's text for a named file, with line and column after the file's name."""
+        """Return the error's text for a named file, in which line and column follow after the name of the file."""
         return f"{name}:{self}" if self.place else f"{name}: {self}"
 
 
@@ -85,7 +87,7 @@ class _Loader(_PyYamlLoader):
         node.value = [(_as_text(key), value) for key, value in node.value]
 
     def construct_number(self, node: yaml.ScalarNode) -> Any:
-        """Return the value of a number, also of one with a tag such as ``!!int``."""
+        """Return the value of a YAML number, including a number with a tag such as ``!!int``."""
         text = self.construct_scalar(node)
         if len(text) > _MAX_NUMBER:
             raise yaml.MarkedYAMLError(problem=f"expected a number, got {text[:50]!r}", problem_mark=node.start_mark)
@@ -210,7 +212,7 @@ def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, re
 
 
 def _decoded(text: str | bytes, max_bytes: int) -> str:
-    """Return a YAML text decoded from bytes; raise `YamlError` if its size or its directives exceed a limit."""
+    """Decode a YAML text from bytes and return it; raises `YamlError` if its size or its directives exceed a limit."""
     if len(text) > max_bytes:
         raise YamlError(f"{len(text)} bytes; expected at most {max_bytes}")
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
@@ -221,7 +223,7 @@ def _decoded(text: str | bytes, max_bytes: int) -> str:
 
 @contextlib.contextmanager
 def _yaml_errors() -> Iterator[None]:
-    """Raise errors of PyYAML in the block as `YamlError`."""
+    """Convert errors that PyYAML raises in the block to `YamlError`."""
     try:
         yield
     except yaml.MarkedYAMLError as error:
@@ -239,9 +241,9 @@ def _yaml_errors() -> Iterator[None]:
 
 
 def _checked_events(text: str, loader: Any, max_levels: int) -> Iterator[yaml.Event]:
-    """Yield the parsing events of a YAML text; raise `YamlError` for more levels or values than the limits.
+    """Yield the parsing events of a YAML text; raises `YamlError` if nesting levels or values exceed a limit.
 
-    Values behind aliases count each time.
+    A value that aliases repeat counts each time.
     """
     open_counts = [0.0]
     open_anchors: list[str | None] = []

@@ -28,7 +28,10 @@ BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 
 class _Dtypes(dict[str, "np.dtype[Any]"]):
-    """Dictionary of numpy dtypes by struct code, filled when numpy is first needed. Thread: any; all store the same."""
+    """Dictionary of numpy dtypes by struct code, filled at the first access, because importing numpy is slow.
+
+    Thread: any. Threads that fill the dictionary at the same time store the same dtypes.
+    """
 
     def __missing__(self, code: str) -> np.dtype[Any]:
         found = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}
@@ -37,8 +40,8 @@ class _Dtypes(dict[str, "np.dtype[Any]"]):
 
 
 DTYPES = _Dtypes()
-"""Numpy dtypes by struct code. On little-endian hosts, the only ones that `support` accepts, they are numpy's native
-singletons; therefore tests of a dtype with `is` are correct."""
+"""Numpy dtypes by struct code. On little-endian machines, the only ones that `support` accepts, they are numpy's own
+objects for these types, so comparing a dtype with `is` is correct."""
 
 
 class FieldValueError(RosidlError, ValueError):
@@ -65,10 +68,10 @@ def short_repr(value: object, width: int = 80) -> str:
 
 
 def coerce(value: object, code: str) -> Array:
-    """Return a value for a numeric array field as a contiguous one-dimensional array of the wire dtype.
+    """Convert the value of a numeric array field to a contiguous one-dimensional array of the dtype that is encoded.
 
     Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers. Raises
-    `FieldValueError` for any other value, or a number that does not fit.
+    `FieldValueError` for any other value, or for a number that does not fit.
     """
     if isinstance(value, (bytes, bytearray)):
         if code not in "Bb":
@@ -89,9 +92,9 @@ def coerce(value: object, code: str) -> Array:
 
 
 def cast(value: Array, code: str) -> Array:
-    """Return a one-dimensional numpy array of numbers as a contiguous array of the wire dtype.
+    """Convert a one-dimensional numpy array of numbers to a contiguous array of the dtype that is encoded.
 
-    Raises `FieldValueError` if a number or the type does not fit.
+    Raises `FieldValueError` if the array's type or a number does not fit.
     """
     dtype = DTYPES[code]
     if value.ndim != 1:
@@ -133,7 +136,7 @@ def _pack(value: Sequence[Any], code: str) -> Array:
 
 
 def scalar_problem(value: object, code: str) -> str:
-    """Return why a single value cannot be encoded with a struct code; "" if it can."""
+    """Return a text that states why a value cannot be encoded with a struct code; "" if it can."""
     try:
         if code == "?":
             BOOL_BYTE[value]
@@ -199,9 +202,10 @@ def fixed_converter(code: str) -> Callable[[object, int], bytes]:
 
 
 def view_of_bools(data: Buffer, count: int, offset: int) -> Array:
-    """Return `count` bytes at an offset as an array of bools: a view if all bytes are 0 or 1, else a copy.
+    """Return `count` bytes at an offset as an array of bools, which shares the memory of the data if all bytes are 0 or
+    1.
 
-    Numpy requires these values in arrays of bools.
+    Numpy allows only 0 and 1 in arrays of bools, so other bytes are copied and converted to 1.
     """
     if not count:
         return np.zeros(0, np.bool_)  # a fifth of the time of a view

@@ -1,4 +1,6 @@
-"""Public functions `encode` and `decode`, which work for all names of fields, and conversion of structured arrays."""
+"""Public functions `encode` and `decode`, which work for messages with any field names, and conversion of structured
+arrays.
+"""
 
 from __future__ import annotations
 

@@ -128,9 +128,9 @@ def encode_slow(message: Message, error: Exception) -> bytes:
 
 
 def _contiguous(message: M, strided: list[str]) -> M:
-    """Return a copy of a message that shares all values except non-contiguous arrays, which are copied.
+    """Return a copy of a message in which non-contiguous arrays are replaced by contiguous copies.
 
-    `strided` receives the names of the copied fields.
+    Other values are shared. The names of the replaced fields are appended to `strided`.
     """
     clone = object.__new__(type(message))
     for field in message._TYPE.fields:
@@ -198,9 +198,9 @@ class _CdrReader:
         self.pos = HEADER_BYTES
 
     def take(self, size: int, align: int, path: str, what: str) -> int:
-        """Skip padding and `size` bytes, and return the offset of the bytes.
+        """Skip the padding before a value and the `size` bytes of the value, and return the offset of the value.
 
-        Raises `DecodeError`, which names the bytes by `what`, if the data ends before.
+        Raises `DecodeError` if the data ends before; `what` is the name of the value in the error text.
         """
         start = align_offset(self.pos, align)
         left = max(0, len(self.data) - start)

@@ -41,16 +41,16 @@ COUNT_BYTES = 4
 COUNT_CODE = "I"
 MAX_COUNT = 0xFFFFFFFF
 NUL = b"\0"
-"""Terminator of a string, included in its length prefix. A wstring has none."""
+"""Terminator byte of a string, which counts in the string's length prefix. A wstring has no terminator."""
 WSTRING_UNIT_BYTES = 4
 """Size of a UTF-16 code unit of a wstring, which travels as a u32."""
 MAX_WSTRING_UNIT = 0xFFFF
 EMPTY_MESSAGE = b"\0"
 """Bytes that CDR writes for a message without fields."""
 NETWORK_ALIGN = 4
-"""Divisor of the length of samples on the network; zeros after the message make up the difference."""
+"""Number of which the length of a sample on the network is a multiple; zeros are appended to shorter messages."""
 PADDING = {align: tuple(bytes(-position % align) for position in range(align)) for align in (1, 2, 4, 8)}
-"""Padding bytes by alignment, then by ``position & align - 1``."""
+"""Padding bytes before a value, by the alignment of the value, then by ``position & align - 1``."""
 
 
 def align_up(position: Position, align: int) -> Position:
@@ -59,7 +59,7 @@ def align_up(position: Position, align: int) -> Position:
 
 
 def align_offset(offset: Position, align: int) -> Position:
-    """Return the first aligned offset at or after an offset into data.
+    """Return the first aligned offset at or after an offset into CDR data.
 
     Alignment counts from the end of the 4-byte header, offsets count from its start.
     """
@@ -87,7 +87,8 @@ def element_alignment(kind: FieldType) -> int:
 
 
 def known_modulus(kind: FieldType) -> int:
-    """Return a number of which the end of a string, or of a sequence of primitives, is known to be a multiple.
+    """Return a number of which the position after a string, or after a sequence of primitives, is known to be a
+    multiple.
 
     A string may end anywhere. An empty sequence ends after its length prefix, without the padding of an element.
     """

@@ -51,10 +51,10 @@ class Field(NamedTuple):
 
 
 class TypeInfo:
-    """ROS type of a generated class; the field table is made when `fields` is first used.
+    """ROS type of a generated message class: name, hash and fields.
 
-    Thread: any. Threads that make the table at the same time make equal tuples, and a tuple is stored when it is
-    complete.
+    The table of fields is made at the first use of `fields`. Thread: any. Threads that make the table at the same time
+    make equal tuples, and a tuple is stored when it is complete.
     """
 
     __slots__ = ("_fields", "_spec", "defaults", "hash", "name")
@@ -141,7 +141,9 @@ class Message:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
     def _get_plain(self, field: Field) -> Any:
-        """Return the value of a field as in generated classes: a number, string, message, or list or array of these."""
+        """Return the value of a field in the form that generated native classes use: a number, string, message, or list
+        or array of these.
+        """
         return getattr(self, field.py_name)
 
     def _set_plain(self, field: Field, value: Any) -> None:
@@ -162,7 +164,7 @@ class Message:
 
 
 def _public(cls: type[Message], name: str) -> Any:
-    """Return the generated method ``_name`` renamed to its public name, with the docstring of the base class."""
+    """Return a generated method such as ``_encode`` under its public name, with the docstring of the base class."""
     method = cls.__dict__["_" + name]
     function = getattr(method, "__func__", method)
     function.__name__, function.__qualname__ = name, f"{cls.__qualname__}.{name}"
@@ -249,11 +251,11 @@ def is_of_type(value: object, cls: type[Message]) -> bool:
 
 
 class ServiceInfo:
-    """ROS type of a generated service or action class.
+    """ROS type of a generated service or action class: its name and its hash.
 
     Attributes:
         name: ``pkg/srv/Name`` or ``pkg/action/Name``.
-        hash: RIHS01 of the service or action type itself.
+        hash: RIHS01 hash of the service or action type itself.
     """
 
     __slots__ = ("hash", "name")
@@ -267,12 +269,14 @@ class ServiceInfo:
 
 
 class Service(Generic[RequestT, ResponseT]):
-    """Base of every generated service, a namespace of `Request`, `Response` and `Event` that is never instantiated."""
+    """Base class of every generated service: a namespace for `Request`, `Response` and `Event`, which is never
+    instantiated.
+    """
 
     _TYPE: ClassVar[ServiceInfo]
 
 
 class Action(Generic[GoalT, ResultT, FeedbackT]):
-    """Base of every generated action, a namespace of its messages and services that is never instantiated."""
+    """Base class of every generated action: a namespace for its messages and services, which is never instantiated."""
 
     _TYPE: ClassVar[ServiceInfo]

@@ -1,8 +1,9 @@
 """Codec for sequences of fixed-size messages as structured arrays, without an object for each element.
 
-`structured_layout` determines the layout. If the data has exactly the layout of the dtype, reading is a view and
-writing is one join; otherwise bytes are copied, one column of all elements at a time. Arrays of users may have their
-fields in any order and byte order, and are converted as strictly as numeric arrays.
+`structured_layout` determines the layout. If the data has exactly the layout of the dtype, a decoded array shares the
+memory of the data, and encoding appends the array's bytes. Otherwise bytes are copied, one column of all elements at a
+time. Arrays of users may have their fields in any order and byte order, and are converted as strictly as numeric
+arrays.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ class StructuredCodec:
     Attributes:
         align, largest: alignment of the first byte of every element, and largest alignment of a member.
         phase: position modulo `largest` at which elements have the layout of `dtype`.
-        exact: elements at `phase` have the layout of `dtype`.
-        plain: elements at `phase` have the layout of `dtype`, and `dtype` has no padding.
+        exact: True if elements that begin at `phase` have the layout of `dtype`.
+        plain: True if `exact` is True and `dtype` has no padding.
 
     Thread: any. Only `_spans` changes after the constructor; threads that compute the same spans store equal lists.
     """
@@ -61,15 +62,17 @@ class StructuredCodec:
     # --- reading ------------------------------------------------------------------------------------------------------
 
     def element_range(self, pos: int, count: int) -> tuple[int, int]:
-        """Return begin and end of `count` >= 1 elements that follow the offset `pos`, as offsets into the data."""
+        """Return the offsets of the first byte and after the last byte of `count` >= 1 elements of a sequence, which
+        follow the offset `pos`.
+        """
         begin = align_up(pos - HEADER_BYTES, self.align)
         return begin + HEADER_BYTES, sequence_end_offset(self.cls, begin, count) + HEADER_BYTES
 
     def read(self, data: Buffer, pos: int, count: int) -> tuple[Array, int]:
-        """Return `count` elements of a sequence that follows the offset `pos`, and the offset after the elements.
+        """Return `count` elements of a sequence, which follow the offset `pos`, and the offset after the elements.
 
-        The elements are a read-only view if possible, and writable if `data` is a bytearray, which the message then
-        owns. Raises `FieldValueError` if the data ends before.
+        If possible, the elements share the memory of `data`; they are writable if `data` is a bytearray. Raises
+        `FieldValueError` if the data ends before.
         """
         if not count:
             return self.empty, pos
@@ -86,7 +89,7 @@ class StructuredCodec:
         return self.read_elements(data, begin, count, "<"), end
 
     def read_elements(self, data: Buffer, begin: int, count: int, order: Literal["<", ">"]) -> Array:
-        """Return `count` elements that begin at an offset within the data; big-endian elements are converted."""
+        """Return `count` elements that begin at an offset within the data; numbers of big-endian data are converted."""
         dtype = self.dtype if order == "<" else self.dtype.newbyteorder(order)
         if self._can_view(data, begin, count):
             values = np.frombuffer(data, dtype, count, begin)
@@ -109,9 +112,10 @@ class StructuredCodec:
         return self.size == self.stride or (type(data) is not bytearray and begin + count * self.stride <= len(data))
 
     def _copy(self, data: Any, begin: int, position: int, memory: Array, *, inward: bool) -> None:
-        """Copy all elements from a buffer to memory, or to the buffer if `inward` is False.
+        """Copy all elements from an encoded buffer to the memory of an array, or in the other direction if `inward` is
+        False.
 
-        The elements begin at the offset `begin` of the buffer; `memory` has a row of bytes for each element.
+        The elements begin at the offset `begin` of the buffer; `memory` has one row of bytes for each element.
         """
         second = align_up(end_offset(self.cls, position), self.align)
         self._copy_rows(data, begin, position, 0, memory[:1], inward)
@@ -134,9 +138,10 @@ class StructuredCodec:
     # --- writing ------------------------------------------------------------------------------------------------------
 
     def write(self, values: Array, append: Callable[[Any], object], pos: int) -> int:
-        """Append the padding and the encoded elements to a message's segments, and return the position after them.
+        """Append the padding and the encoded elements to the segments of a message, and return the position after them.
 
-        Positions count from the alignment origin. Raises `FieldValueError` if the array has other fields or values.
+        Positions count from the byte after the 4-byte header. Raises `FieldValueError` if the array has other fields,
+        or values that do not fit.
         """
         values = self.to_wire_dtype(values)
         count = len(values)
@@ -158,7 +163,10 @@ class StructuredCodec:
         return values.view(DTYPES["B"]).reshape(len(values), self.dtype.itemsize)
 
     def to_wire_dtype(self, values: Array) -> Array:
-        """Return a user's array as a contiguous array of the wire dtype; raise `FieldValueError` if it does not fit."""
+        """Convert a user's array to a contiguous array of the dtype that is encoded.
+
+        Raises `FieldValueError` if it does not fit.
+        """
         if values.ndim != 1:
             raise FieldValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
         if values.dtype is self.dtype and values.flags.c_contiguous:
@@ -190,7 +198,9 @@ class StructuredCodec:
         return [decode(data[at : at + size], copy) for at in range(0, len(data), size)]
 
     def equal(self, left: Array, right: Array) -> bool:
-        """Return True if two arrays have equal values; False if an array has other fields than the message."""
+        """Return True if two structured arrays have equal values; False if one has other fields than the
+        message class.
+        """
         try:
             return _equal(self.to_wire_dtype(left), self.to_wire_dtype(right))
         except FieldValueError:
@@ -217,17 +227,19 @@ def find_structured_codec(cls: type[Message]) -> StructuredCodec | None:
 
 
 def read_records(cls: type[Message], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
-    """Return a sequence of fixed-size messages as a structured array, and the offset after it, for generated code.
+    """Return a sequence of fixed-size messages as a structured array, and the offset after the sequence.
 
-    The sequence has `count` elements and follows the offset `pos`. Raises `FieldValueError` if the data ends before.
+    Called by generated decoders. The sequence has `count` elements and follows the offset `pos`. Raises
+    `FieldValueError` if the data ends before.
     """
     return structured_codec(cls).read(data, pos, count)
 
 
 def write_records(cls: type[Message], values: Any, append: Callable[[Any], object], pos: int) -> int:
-    """Append a structured array, assigned instead of a list of messages, to the segments, for generated code.
+    """Append the bytes of a structured array, which the user has assigned instead of a list of messages, to the
+    segments of a message.
 
-    Returns the position after the elements.
+    Called by generated encoders. Returns the position after the elements.
     """
     return structured_codec(cls).write(values, append, pos)
 
@@ -249,7 +261,10 @@ def _has_arrays(dtype: np.dtype[Any]) -> bool:
 
 
 def _with_true_bools(values: Array, path: tuple[str, ...]) -> Array:
-    """Return the array with each byte of a bool field as 0 or 1, as numpy requires; a copy only if a byte differs."""
+    """Return the array with 1 for every nonzero byte of a bool field, as numpy requires.
+
+    Copies the array only if a byte differs.
+    """
     if _bytes_of(values, path).max() > 1:
         writeable = values.flags.writeable
         values = values.copy()

@@ -1,10 +1,11 @@
 """Numpy dtypes of fixed-size messages in CDR: the rules of `layout` for structured arrays.
 
 Elements of a CDR sequence are not padded to a common size; each begins where its first member is aligned. The first
-element's offset depends on what precedes the sequence: ``{uint8 a; float64 b}`` takes 12 bytes after a count, then 16
-each. But every element contains a member of the largest alignment, so its end is known modulo that alignment, wherever
-it began. Therefore all elements after the first have the same phase, stride and layout, and one numpy dtype describes
-them, padding at the end included; the first one is handled separately.
+element's offset depends on what precedes the sequence: ``{uint8 a; float64 b}`` takes 12 bytes after a length prefix,
+and each later element takes 16. But every element contains a member of the largest alignment, so its end is known
+modulo that alignment, wherever it began. Therefore all elements after the first have the same layout and the same
+distance, and one numpy dtype describes them, including the padding at their end. The first element is handled
+separately.
 
 Source: docs/internals/protocol.md 2.2.
 """
@@ -46,10 +47,10 @@ class CopySpan(NamedTuple):
 
 
 def cached_per_class(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the function with a cache of its results; message classes are hashable, although messages are not.
+    """Return the function with a cache of its results, with the message class as key.
 
     Thread: any. Threads that need a result at the same time may each compute it. Results are equal and do not change,
-    so no lock is needed, and each thread may use its own.
+    so no lock is needed.
     """
     return cast("Callable[P, R]", lru_cache(1 << 15)(function))
 
@@ -69,7 +70,7 @@ def varying_field(cls: MessageClass) -> str:
 
 @cached_per_class
 def alignments(cls: MessageClass) -> tuple[int, int]:
-    """Return the alignment of the first member of a fixed-size message, and the largest alignment of all members."""
+    """Return two alignments of a fixed-size message in bytes: of its first member, and the largest of all members."""
     each = [
         alignments(field.cls) if field.cls is not None else (element_alignment(field.type),) * 2
         for field in cls._TYPE.fields
@@ -87,7 +88,10 @@ def content_size(cls: MessageClass) -> int:
 
 
 def end_offset(cls: MessageClass, position: int) -> int:
-    """Return the end of a fixed-size message that begins at `position`; both count from the alignment origin."""
+    """Return the position after a fixed-size message that begins at `position`.
+
+    Both count from the byte after the CDR header.
+    """
     return position + _length(cls, position % MAX_ALIGN)
 
 
@@ -98,7 +102,7 @@ def _length(cls: MessageClass, position: int) -> int:
 
 
 def sequence_end_offset(cls: MessageClass, position: int, count: int) -> int:
-    """Return the end of `count` fixed-size messages in a sequence, of which the first begins at `position`."""
+    """Return the position after a sequence of `count` fixed-size messages, of which the first begins at `position`."""
     first = end_offset(cls, position)
     return first + (count - 1) * (end_offset(cls, first) - first) if count > 1 else first
 
@@ -120,8 +124,9 @@ def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int
 def wire_dtype(cls: MessageClass, position: int, itemsize: int = 0) -> np.dtype[np.void] | None:
     """Return the numpy dtype of a fixed-size message at an aligned position; `itemsize` 0 means the message's size.
 
-    None if it contains an array of messages whose first is laid out differently from the others, or that have padding
-    between them: numpy would count that padding, and what follows the array, as a part of the last.
+    Returns None for a message with an array of messages whose first element has another layout than the others, or that
+    have padding between them. Numpy would count that padding, and what follows the array, as a part of the last
+    element.
     """
     return _exact_dtype(cls, position % MAX_ALIGN, itemsize or end_offset(cls, position) - position)
 
@@ -178,7 +183,7 @@ def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize:
 
 
 class ElementStride(NamedTuple):
-    """Layout of the elements of a sequence after the first element.
+    """Layout of the elements after the first in a sequence of fixed-size messages.
 
     Attributes:
         phase: position of an element modulo the largest alignment.

@@ -1,7 +1,7 @@
-"""Functions that generated encoders and decoders call besides `struct` and numpy.
+"""Functions that generated encoders and decoders call in addition to `struct` and numpy.
 
-Positions in generated encoders count from the byte after the 4-byte encapsulation header, the origin of alignment
-(docs/internals/protocol.md 2.1). Positions in decoders are offsets into the data and therefore higher by 4.
+Positions in generated encoders count from the byte after the 4-byte encapsulation header, from which CDR alignment
+counts (docs/internals/protocol.md 2.1). Positions in decoders are offsets into the data and therefore higher by 4.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ fixed_float32s, fixed_float64s = map(fixed_converter, "fd")
 
 _DTYPE_CODES = {one.numpy.upper(): one.code for one in PRIMITIVES.values()}
 NUMPY_NAMES = ("frombuffer", "ndarray", *_DTYPE_CODES)
-"""Names of this module whose first use imports numpy."""
+"""Names in this module that need numpy, so their first use imports it."""
 
 if TYPE_CHECKING:
     frombuffer = np.frombuffer
@@ -111,9 +111,10 @@ _PACK_SHORT = tuple(Struct(f"<{COUNT_CODE}{n}s{align_up(n + 1, COUNT_BYTES) - n}
 
 
 def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., bytes], ...]:
-    """Return eight `pack` functions for one run of fields, indexed by the position, ``pos & 7``, where the run begins.
+    """Return eight functions that pack a group of fields, one for each position modulo 8 at which the group can begin.
 
-    Each function first writes the NUL of the preceding string (if `nul`) and the padding up to `align`.
+    The index is ``pos & 7``. Each function first writes the NUL of the preceding string (if `nul`) and the padding up
+    to `align`.
     """
     packs: list[Callable[..., bytes]] = []
     for start in range(MAX_ALIGN):
@@ -123,7 +124,7 @@ def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., byt
 
 
 def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
-    """Return data to decode twice: for reading scalars and strings, and for taking array views.
+    """Return data for a decoder in two forms: for reading scalars and strings, and for arrays that share its memory.
 
     With `copy`, both are one bytearray. Raises TypeError if the data is not a contiguous buffer.
     """
@@ -139,7 +140,7 @@ def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
 
 
 def viewable(data: Readable, copy: bool) -> Buffer:
-    """Return data to decode as one buffer, copied only with `copy`, for messages with large sequences.
+    """Return data for the decoder of a message with large sequences, in one form, which is copied only with `copy`.
 
     Raises TypeError if the data is not a contiguous buffer.
     """
@@ -180,15 +181,15 @@ def coerce_message(value: object, cls: type[T]) -> T:
 
 
 def coerce_message_list(value: object) -> None:
-    """Raise `FieldValueError` if the value of a field of messages is not a list or tuple."""
+    """Check that the value of a field of messages is a list or tuple; raise `FieldValueError` if it is not."""
     if not isinstance(value, (list, tuple)):
         raise FieldValueError(f"expected a list of messages, found {short_repr(value)}")
 
 
 def list_or_records(value: object) -> Any:
-    """Return the list or structured array of a field of fixed-size messages; an array of a subclass as a plain one.
+    """Return the list or structured array that was assigned to a field of fixed-size messages.
 
-    Raises `FieldValueError` for other values.
+    An array of a subclass becomes a plain array. Raises `FieldValueError` for other values.
     """
     kind = type(value)
     if kind is list or kind is np.ndarray:
@@ -200,7 +201,7 @@ def list_or_records(value: object) -> Any:
 
 
 def check_max_length(count: int, maximum: int) -> None:
-    """Raise `FieldValueError` if the length of a sequence or string exceeds its bound.
+    """Raise `FieldValueError` if a sequence or string is longer than its bound.
 
     Encoder and decoder then call `field_walk`, whose error names the field.
     """
@@ -215,13 +216,17 @@ def check_length(count: int, expected: int) -> None:
 
 
 def check_remaining(end: int, data: Buffer) -> None:
-    """Raise `FieldValueError` if elements would end after the data, before memory is allocated for them."""
+    """Raise `FieldValueError` if `count` elements cannot fit in the remaining data, before memory is allocated for
+    them.
+    """
     if end > len(data):
         raise FieldValueError("the data end inside a sequence")
 
 
 def pack_strings(values: Any) -> bytes:
-    """Return the encoded elements of a string sequence that begins at a multiple of 4, without padding at the end."""
+    """Return the encoded elements of a string sequence, without padding at the end; they are placed at a
+    multiple of 4.
+    """
     if not isinstance(values, (list, tuple)):
         raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     if not values:
@@ -242,7 +247,9 @@ def pack_strings(values: Any) -> bytes:
 
 
 def unpack_strings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
-    """Return `count` strings that follow the offset `pos`, aligned or not, and the offset after the last."""
+    """Return `count` strings that follow the offset `pos`, which may be unaligned, and the offset after the last
+    string.
+    """
     if not count:
         return [], pos
     if type(data) is memoryview:  # has no `decode`; messages with many strings are bytes
@@ -282,7 +289,7 @@ def from_utf16(data: Buffer, pos: int, count: int) -> str:
 
 
 def pack_wstrings(values: Any) -> bytes:
-    """Return the encoded elements of a sequence or array of wstrings that begins at a multiple of 4."""
+    """Return the encoded elements of a sequence or array of wstrings; they are placed at a multiple of 4."""
     if not isinstance(values, (list, tuple)):
         raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     parts: list[bytes] = []
@@ -294,7 +301,9 @@ def pack_wstrings(values: Any) -> bytes:
 
 
 def unpack_wstrings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
-    """Return `count` wstrings that follow the offset `pos`, aligned or not, and the offset after the last."""
+    """Return `count` wstrings that follow the offset `pos`, which may be unaligned, and the offset after the last
+    wstring.
+    """
     check_remaining(pos + COUNT_BYTES * count, data)
     values: list[str] = []
     for _ in range(count):

@@ -1,5 +1,6 @@
 """Compiler from interface definitions to Python modules.
 
 `frontend` reads and checks definitions, `codegen` generates classes, `generate` runs both for folders, `compatibility`
-compares definitions. Imports no runtime: a base installation generates, encodes and decodes.
+compares definitions. The compiler does not import the runtime: a base installation can generate classes, encode and
+decode.
 """

@@ -1,6 +1,6 @@
-"""A run of the compiler: from a search path and a selection to files in a folder.
+"""Run of the compiler, from a search path and a selection of interfaces to files in a folder.
 
-There is one class per type: a class that `rosidl_py_gen.msgs` has is not generated again.
+Each type has one class: if `rosidl_py_gen.msgs` has the class of a type, it is not generated again.
 """
 
 from __future__ import annotations
@@ -77,9 +77,10 @@ def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list
 def _read(
     search: SearchPath, wanted: list[str], existing: Iterable[RosName] = ()
 ) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Return the registry and names of wanted interfaces, and of existing ones, parsed and checked.
+    """Return the registry and names of the wanted interfaces, and of interfaces that were generated before, parsed and
+    checked.
 
-    `existing` has interfaces that were generated before. The registry has the diagnostics.
+    `existing` has the names of the interfaces that were generated before. The registry contains the diagnostics.
     """
     registry = InterfaceRegistry(search)
     names, problems = select_valid_names(registry, wanted)
@@ -94,13 +95,17 @@ def _read(
 
 
 def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
-    """Return the notes on what was assumed about the CMakeLists.txt of the packages of these interfaces."""
+    """Return notes for the user on assumptions that were made about the CMakeLists.txt of the packages of these
+    interfaces.
+    """
     listings = (search.packages[package].listing for package in sorted({name.package for name in names}))
     return [note for listing in listings if listing for note in listing.notes]
 
 
 def _check_modules(registry: InterfaceRegistry, names: list[RosName]) -> None:
-    """Add diagnostics for package names that Python cannot import or needs, and for two interfaces in one module."""
+    """Add diagnostics for package names that Python cannot import or needs itself, and for two interfaces with the same
+    module.
+    """
     files: dict[str, RosName] = {}
     for name in names:
         file = registry.search.file(name)
@@ -162,7 +167,7 @@ def generate(
 
 
 def _already_generated(search: SearchPath, folder: Path) -> list[RosName]:
-    """Return the interfaces whose modules are in the output folder; each run generates them again."""
+    """Return the names of interfaces whose modules are in the output folder already; every run generates them again."""
     if not folder.is_dir():
         return []
     present = set(generated_files_below(folder, list(search.packages)))
@@ -175,7 +180,10 @@ def _already_generated(search: SearchPath, folder: Path) -> list[RosName]:
 
 
 def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
-    """Return a function from a full name to the module in `rosidl_py_gen.msgs` with a class of the same definition."""
+    """Return a lookup function for classes in `rosidl_py_gen.msgs`.
+
+    The function takes the full name of a type and returns the module whose class has the same definition, else None.
+    """
     bundled = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
 
     @cache
@@ -216,7 +224,7 @@ def generate_pregenerated(folder: Path) -> GenerationResult:
 
 
 def _distribution_table() -> str:
-    """Return the module with the hashes of types that are not the same in all distributions."""
+    """Return the source of a module with the hashes of types that differ between distributions."""
     hashes: dict[str, dict[str, list[str]]] = {}
     for distro in DISTRIBUTIONS:
         registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])

@@ -47,7 +47,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 
 _completion = partial(lazy_completion, "rosidl_py_gen.generator_cli.shells")
-"""Function that returns a completion callback, given the name of a function in the module `shells`."""
+"""Function that takes the name of a function in the module `shells` and returns a completion callback that calls it."""
 _PATH = click.option(
     "--path",
     "paths",
@@ -59,7 +59,7 @@ _PATH = click.option(
 )
 
 _PROGRESS_DELAY_S = 1.0
-"""Run time of a generation after which a progress bar appears, in seconds."""
+"""Time in seconds that a generation must run before a progress bar appears."""
 _GENERATION_OPTIONS = ("out", "check", "listing", "keep_going")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 _FILTER = partial(
@@ -82,7 +82,9 @@ def _paths(command: _F) -> _F:
 
 
 def _search(paths: tuple[str, ...]) -> SearchPath:
-    """Scan the search path of a command: ``--path`` before and after its name, folders of the project, and defaults."""
+    """Return the search path of a command, from ``--path`` before and after its name, folders of the project, and
+    defaults.
+    """
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
     return scan_search_path(_all_paths(paths))
@@ -93,7 +95,10 @@ def _all_paths(paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _group_option(name: str, otherwise: Any) -> Any:
-    """Return the value of an option of `rosidl-py-gen`, which precedes the command name; `otherwise` if unknown."""
+    """Return the value of an option that precedes the command name of `rosidl-py-gen`.
+
+    Returns `otherwise` if the option is unknown.
+    """
     return (click.get_current_context().obj or {}).get(name, otherwise)
 
 
@@ -193,7 +198,10 @@ def _refuse(context: click.Context, names: tuple[str, ...], reason: str) -> None
 
 
 def _has_selection(context: click.Context) -> bool:
-    """Return True if an option states what to do; otherwise the help is printed, not all packages generated."""
+    """Return True if an option states what to generate.
+
+    Without one, the command prints its help and does not generate all packages.
+    """
     options = ("check", "listing", "action", "paths", "selection")
     return any(context.params[name] for name in options) or any(
         _is_typed(context, name) for name in ("selection", "out")
@@ -225,7 +233,10 @@ def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, a
 
 
 def _install_library(as_json: bool) -> list[str]:
-    """Install libddsc if the extra ``node`` is installed but libddsc is missing; return its path in a list, else []."""
+    """Install the library libddsc if the extra ``node`` is installed but the library is missing.
+
+    Returns the path of the installed library in a list, else [].
+    """
     from importlib.util import find_spec
 
     if find_spec("yaml") is None or find_spec("rich") is None:

@@ -32,7 +32,7 @@ def lazy_completion(
 
 
 def suggestions(find: Callable[[], list[Any]]) -> list[Any]:
-    """Return the result of `find`, or an empty list if `find` raises an error or is interrupted."""
+    """Call `find` and return its result; return an empty list if `find` raises an error or is interrupted."""
     try:
         return find()
     except (Exception, KeyboardInterrupt, SystemExit):

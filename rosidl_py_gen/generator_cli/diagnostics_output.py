@@ -47,7 +47,9 @@ def usage_error_text(error: click.ClickException) -> str:
 
 
 def _message(error: click.ClickException) -> str:
-    """Return the text of an error of click in the style of this package: found, then expected, without full stop."""
+    """Return the text of an error of click in the style of this package: what was found, then what was expected,
+    without full stop.
+    """
     text = error.format_message()
     match error:
         case click.MissingParameter(param=click.Parameter() as parameter):

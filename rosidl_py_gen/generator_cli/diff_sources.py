@@ -48,7 +48,8 @@ KINDS = ("folder", "git", "bag", "node", "distro")
 _BAG_FILES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _METADATA = "metadata.yaml"
 _DISCOVERY_INTERVAL_S = 0.5
-"""Time between two checks of a node's endpoints, in seconds; two equal results mean that all are discovered."""
+"""Time between two checks of a node's endpoints, in seconds. Two equal results mean that all endpoints have been
+discovered."""
 _ANSWER_TIMEOUT_S = 5.0
 """Maximum time for the reply of a node with the description of one type, in seconds."""
 _HIDDEN = "/_action/"
@@ -67,20 +68,22 @@ class DiffSource(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """True if the source contains every type that exists; False for a bag or node, which has only some."""
+        """True if the source contains every type that exists. False for a bag or node, which has only some types."""
         return self.kind in ("folder", "git", "distro")
 
 
 @dataclass(slots=True)
 class LoadedDefinitions:
-    """Definitions of a source (`facts`), the search path that they were read from, and notes for the user."""
+    """Definitions of a source in `facts`, with the search path from which they were read, and notes for the user."""
 
     facts: DefinitionSet
     search: SearchPath | None = None
     notes: list[str] = field(default_factory=list)
 
     def with_types(self, names: Iterable[str]) -> LoadedDefinitions:
-        """Return these definitions and, as far as the search path has them, the definitions of the types `names`."""
+        """Return these definitions, completed by definitions of the types `names` as far as the search path
+        has them.
+        """
         if self.search is None:
             return self
         registry, parts = InterfaceRegistry(self.search), [("", self.facts)]
@@ -99,7 +102,10 @@ class LoadedDefinitions:
 
 
 def parse_source(text: str) -> DiffSource:
-    """Return the source that a word of the command line names; raises `SourceError` if it cannot be a source."""
+    """Return the source of definitions that an argument of the command line names.
+
+    Raises `SourceError` if it cannot be a source.
+    """
     kind, colon, rest = text.partition(":")
     if colon and kind in KINDS:
         if not rest:
@@ -245,7 +251,10 @@ def types_of_node(name: str, timeout_s: float) -> tuple[DefinitionSet, list[str]
 
 
 async def definitions_of_node(node: Node, robot: str, timeout_s: float) -> tuple[DefinitionSet, list[str]]:
-    """Return the definitions of the types that the node `robot` uses, and notes; `node` sends the requests."""
+    """Return the definitions of the types that the node `robot` uses, and notes.
+
+    The local node `node` sends the requests.
+    """
     import asyncio
 
     from rosidl_py_gen.runtime import WaitTimeoutError
@@ -314,7 +323,10 @@ async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]
 
 
 def _from_description(type_name: str, answer: Any) -> DefinitionSet:
-    """Return the definitions in a node's reply; raises `SourceError` if it describes another type or is too large."""
+    """Return the definitions that another node has sent.
+
+    Raises `SourceError` if they are of another type or too large.
+    """
     if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
         raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
     description = to_dict(answer.type_description)

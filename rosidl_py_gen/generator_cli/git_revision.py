@@ -93,7 +93,10 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
 
 
 def clone_origin(folder: Path) -> tuple[str, str]:
-    """Return the URL of the remote `origin`, without a password, and the commit of a clone; "" for what is unknown."""
+    """Return the URL of a clone's remote `origin`, without a password, and the commit of the clone.
+
+    A value that is unknown is "".
+    """
     found = []
     for arguments in (["config", "--get", "remote.origin.url"], ["rev-parse", "--verify", "--quiet", "HEAD"]):
         try:
@@ -123,7 +126,10 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 def _inside(path: str | None, place: Path, top: Path) -> str:
-    """Return `path` (None: `place`) relative to the top of the repository; raises `RevisionError` if it is outside."""
+    """Return `path`, or `place` if it is None, relative to the top of the repository.
+
+    Raises `RevisionError` if it is outside.
+    """
     if path is None or path.startswith(("./", "../")) or path == ".":
         wanted = os.path.realpath(place if path is None else path)
         relative = os.path.relpath(wanted, os.path.realpath(top))
@@ -137,7 +143,10 @@ def _inside(path: str | None, place: Path, top: Path) -> str:
 
 
 def _entries(commit: str, inside: str, top: Path, display: str) -> list[_GitTreeEntry] | None:
-    """Return the files of a commit below the folder `inside`; None if the commit has no such folder."""
+    """Return the files of a commit below the folder `inside` of the repository.
+
+    Returns None if the commit has no such folder.
+    """
     if inside:
         kind = _run(["cat-file", "-t", f"{commit}:{inside}"], top)
         if kind.returncode or kind.stdout.strip() != b"tree":

@@ -71,7 +71,7 @@ else
 fi
 """
 _BREAKS = "\"'@><=;|&(:"
-"""Default of COMP_WORDBREAKS: characters at which bash starts a new word."""
+"""Default of bash's variable COMP_WORDBREAKS: characters at which bash starts a new word."""
 _UNSAFE = re.compile(r"[^\w@%+=:,./-]", re.ASCII)
 
 
@@ -111,19 +111,24 @@ def complete_files(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
 
 
 def _option_part(typed: str) -> str:
-    """Return the beginning ``--option=`` of the typed word, which click does not include in `incomplete`; else ""."""
+    """Return the beginning ``--option=`` of the word that is being typed, else "".
+
+    Click does not include it in `incomplete`.
+    """
     return typed.partition("=")[0] + "=" if typed.startswith("--") and "=" in typed else ""
 
 
 def _quote(value: str) -> str:
-    """Quote a value for bash and zsh: in quotes if it has blanks, else by backslashes, so that the user can type on."""
+    """Quote a value for bash and zsh: in quotes if it has blanks, else by backslashes, so that the user can continue
+    typing.
+    """
     if " " in value:
         return shlex.quote(value) if any(char in value for char in '"\\$`!') else f'"{value}"'
     return _UNSAFE.sub(r"\\\g<0>", value)
 
 
 class _Safe(ShellComplete):
-    """Base of the completion classes; offers only printable values, and stores the word that the user is typing."""
+    """Base of the completion classes. It offers only printable values, and stores the word that the user is typing."""
 
     _typed = ""
 
@@ -194,7 +199,7 @@ def _last_word(line: str) -> str:
 
 
 def items(values: Any, incomplete: str) -> list[CompletionItem]:
-    """Return completions for the values that begin with `incomplete`."""
+    """Return completion items for the values that begin with `incomplete`."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]
 
 
@@ -212,7 +217,7 @@ def complete_interfaces(ctx: click.Context, incomplete: str) -> list[CompletionI
 
 
 def complete_packages_and_interfaces(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete the name of a package; once a ``/`` is typed, of an interface in it."""
+    """Complete the name of a package; after a ``/``, complete the name of an interface in the package."""
     complete = complete_interfaces if "/" in incomplete else complete_packages
     return complete(ctx, incomplete)
 

@@ -47,7 +47,7 @@ class StampError(RosidlError, ValueError):
 
 
 def header_stamp(message: Any) -> int | None:
-    """Return the stamp in a message's header in nanoseconds; None if the message has none."""
+    """Return the stamp in a message's header in nanoseconds; None if the message has no header."""
     try:
         if isinstance(message, dict):
             stamp = message["header"]["stamp"]
@@ -58,10 +58,13 @@ def header_stamp(message: Any) -> int | None:
 
 
 class NoNodeScope:
-    """Scope of an object without a node, which runs its blocking methods; the scope of a node is an `EntityScope`."""
+    """Execution environment of a filter without a node, which runs the filter's blocking methods.
+
+    For a node, `EntityScope` has this role.
+    """
 
     def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
-        """Run a coroutine to its end in a new event loop, while other threads feed the object.
+        """Run a coroutine to its end in a new event loop, while other threads pass messages to the filter.
 
         Raises:
             WouldDeadlockError: the thread already runs an event loop.
@@ -76,9 +79,10 @@ class NoNodeScope:
 
 
 class MessageFilter:
-    """Filter that passes every message on: the start of a chain that a program feeds, and the base of all filters.
+    """Filter that passes every message on.
 
-    Without a callback, messages wait to be received; when `queue_size` messages wait, the oldest is dropped.
+    It is the start of a chain to which a program passes messages, and the base of all filters. Without a callback,
+    messages wait to be received; when `queue_size` messages wait, the oldest is dropped.
 
     Args:
         callback: plain or async function; calls of an async one are awaited one after the other.
@@ -203,10 +207,11 @@ class MessageFilter:
     def _use_stamps(
         self, clear: Callable[[], None], allow_headerless: bool = False, clock: Clock | None = None
     ) -> None:
-        """Prepare the use of stamps: check that messages of the inputs have stamps, or set the clock for arrival times.
+        """Prepare the filter for using stamps: check that messages of the inputs have stamps, or set the clock for
+        arrival times.
 
-        When time jumps back, `clear` is called: earlier messages never match again. Raises `StampError` if an input's
-        messages have no stamp and `allow_headerless` is False, or without a clock.
+        When time jumps back, `clear` is called, as earlier messages never match again. Raises `StampError` if an
+        input's messages have no stamp and `allow_headerless` is False, or if there is no clock for arrival times.
         """
         if allow_headerless:
             self._clock = clock or (self._nodes[0].clock if self._nodes else None)
@@ -275,7 +280,8 @@ class Subscriber(MessageFilter):
         self.subscription: Subscription[Any] = node.create_subscription(
             msg_type, topic, self.signal_message, qos, **options
         )
-        """Subscription of the filter, which has `dropped`, `publisher_count` and `wait_for_publishers`."""
+        """ROS subscription of the filter, with its attributes `dropped`, `publisher_count` and `wait_for_publishers`.
+        """
         if callback is not None:
             self.register_callback(callback)
 
@@ -453,11 +459,14 @@ class TimeSynchronizer(MessageFilter):
         return self.signal_message(*messages)
 
     def _match(self, index: int, stamp: int) -> list[int] | None:
-        """Return the stamps of a set with the newest message, in the order of the inputs; None without a set."""
+        """Return the stamps of a set of messages that contains the newest message, in the order of the inputs.
+
+        Returns None if there is no set.
+        """
         return [stamp] * len(self._queues) if all(stamp in queue for queue in self._queues) else None
 
     def clear(self) -> None:
-        """Remove the messages that wait for messages of other inputs."""
+        """Remove all messages that wait for a matching message of another input."""
         with self._lock:
             for queue in self._queues:
                 queue.clear()
@@ -519,10 +528,11 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         return stamps
 
     def _can_complete(self, rows: list[list[int]], low: int, high: int) -> bool:
-        """Return True if one time of each sorted row fits: all of them, `low` and `high` are less than slop apart.
+        """Return True if each sorted row of times has a time such that these, `low` and `high` are all less than the
+        slop apart.
 
-        A set exists if a window of length slop contains a time of each row and both ends. Only times of the rows and
-        `low` can be the start of such a window.
+        Such times exist if a window of this length contains a time of each row, `low` and `high`. Only the times of the
+        rows and `low` need to be tried as the start of the window.
         """
         slop = self._slop
         if high - low >= slop:

@@ -32,13 +32,16 @@ MAX_UINT32 = 2**32 - 1
 
 
 class ConversionError(RosidlError, ValueError):
-    """Error of a message and an array that do not fit; the text names the field, the found and the expected value."""
+    """Error for a message and an array that do not fit each other.
+
+    The text names the field, the found and the expected value.
+    """
 
 
 def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return a decorator for a function of a message: it raises `ConversionError` if the message lacks a field.
+    """Return a decorator for a function whose first argument is a message.
 
-    `expected` describes the message in the error text; the message is the function's first argument.
+    The function raises `ConversionError` if a field is missing. `expected` describes the message in the error text.
     """
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
@@ -79,31 +82,34 @@ def as_float64(value: Any, expected: str, field: str = "") -> np.ndarray[Any, np
 
 
 def message_class(cls: type[M] | None, name: str, header: Message | None = None) -> Callable[..., M]:
-    """Return a function that makes the result message with the header: `cls`, or the message class named `name`."""
+    """Return a function that creates the result message with a header.
+
+    Its class is `cls`, or the message class named `name`.
+    """
     found: Any = get_message(name) if cls is None else cls
     return found if header is None else partial(found, header=header)
 
 
 def check_count(value: Any, field: str) -> int:
-    """Return a number of rows or bytes unchanged; raises `ConversionError` if the value of `field` is not a uint32."""
+    """Return a number of rows or bytes unchanged if it is a uint32; else raise `ConversionError` that names `field`."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= value <= MAX_UINT32:
         return int(value)
     raise ConversionError(f"{field}: expected a number from 0 to {MAX_UINT32}, got {value!r:.50}")
 
 
 def check_flag(value: Any, field: str) -> bool:
-    """Return the truth of a number or bool; raises `ConversionError` if the value of `field` is something else."""
+    """Return a number or bool as bool; raise `ConversionError` that names `field` if the value is something else."""
     if isinstance(value, int | np.integer | np.bool_):
         return bool(value)
     raise ConversionError(f"{field}: expected 0 or 1, got {value!r:.50}")
 
 
 def contiguous_native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
-    """Return the array contiguous in memory, and True if its byte order is big-endian."""
+    """Return the array in contiguous memory, and True if its byte order is big-endian."""
     piece = np.ascontiguousarray(array)
     return piece, piece.dtype.newbyteorder(">") == piece.dtype and piece.dtype.newbyteorder("<") != piece.dtype
 
 
 def escaped(text: str, max_length: int = 1000) -> str:
-    """Return a text escaped for HTML, cut to `max_length` characters before; texts of peers are not trusted."""
+    """Return a text cut to `max_length` characters and escaped for HTML, because texts of peers are not trusted."""
     return escape(printable(text, max_length))

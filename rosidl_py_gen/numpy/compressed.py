@@ -25,7 +25,8 @@ _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
 _ENCODINGS = {"L": "mono8", "RGB": "rgb8", "RGBA": "rgba8", "I;16": "mono16", "I;16B": "mono16", "F": "32FC1"}
 _OTHER_MODES = {"1": "L", "P": "RGB", "PA": "RGBA", "LA": "RGBA", "CMYK": "RGB", "YCbCr": "RGB", "RGBX": "RGB"}
 _DEPTH_HEADER = struct.Struct("<iff")
-"""Layout of the header before the PNG of compressed_depth_image_transport: a format, and two parameters of 32FC1."""
+"""Struct layout of the header before the PNG data of compressed_depth_image_transport: a format, and two parameters of
+32FC1."""
 _MAX_GRAY = 65535
 
 

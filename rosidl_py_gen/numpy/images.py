@@ -31,22 +31,25 @@ if TYPE_CHECKING:
 Pixels = np.ndarray[Any, np.dtype[Any]]
 
 _COLORS = {f"{order}{bits}": (order, bits) for order in ("rgb", "bgr", "rgba", "bgra", "mono") for bits in (8, 16)}
-"""Encodings to which pixels can be converted, with order and bits of their channels; all others can only be sources."""
+"""Encodings to which pixels can be converted, with the order and bits of their channels. Images in other encodings can
+only be converted from."""
 _PACKED = {"yuv422": (1, 0, 2), "uyvy": (1, 0, 2), "yuv422_yuy2": (0, 1, 3), "yuyv": (0, 1, 3)}
-"""Offsets of the first pixel's brightness, of blue and of red in the four bytes of two pixels, by encoding."""
+"""Byte offsets of the first pixel's brightness, of blue and of red in the four bytes that encode two pixels, by
+encoding."""
 _KNOWN: dict[str, tuple[str, int]] = {
     **{name: (f"u{bits // 8}", 1 if order == "mono" else len(order)) for name, (order, bits) in _COLORS.items()},
     **{f"bayer_{order}{bits}": (f"u{bits // 8}", 1) for order in ("rggb", "bggr", "gbrg", "grbg") for bits in (8, 16)},
     **dict.fromkeys(_PACKED, ("u1", 2)),
 }
 _PLANES = {"nv21": (3, 2), "nv24": (3, 1)}
-"""Rows of bytes for a number of rows of pixels, by encoding: a plane of brightness, then a plane of colour."""
+"""Number of byte rows for a number of pixel rows, by encoding. An image has a plane of brightness, then a plane of
+colour."""
 _GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)C([0-9]{0,4})")
 _KINDS = {"U": "u", "S": "i", "F": "f"}
 _DEFAULT_ENCODING = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8", ("u1", 4): "rgba8", ("u2", 3): "rgb16"}
 _SAME = {"8UC1": "mono8", "16UC1": "mono16"}
 _WEIGHTS = (19595, 38470, 7471)
-"""Weights of red, green and blue in the brightness, in units of 1/65536."""
+"""Weights of red, green and blue in the brightness of a pixel, in units of 1/65536."""
 
 
 class _Layout(NamedTuple):
@@ -221,9 +224,9 @@ def converted(array: Pixels, encoding: str, to: str) -> Pixels:
 
 
 def _channels(array: Pixels, encoding: str) -> dict[str, Pixels] | None:
-    """Return the colour planes of pixels by the letters r, g, b and a, or one plane called mono.
+    """Return the colour planes of pixels by the letters r, g, b and a.
 
-    Returns None if the encoding has no colours.
+    Pixels of brightness have one plane, called mono. Returns None if the encoding has no colours.
     """
     if encoding in _COLORS:
         order = _COLORS[encoding][0]
@@ -246,7 +249,9 @@ def _brightness(channels: dict[str, Pixels]) -> Pixels:
 
 
 def _as_depth(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
-    """Return values scaled from the full range of their type, uint8 or uint16, to the full range of another."""
+    """Return brightness or colour values scaled from the full range of their type, uint8 or uint16, to the full range
+    of another type.
+    """
     if values.dtype == dtype:
         return values
     if dtype.itemsize == 2:
@@ -292,7 +297,9 @@ def _rgb(y: Pixels, u: Pixels, v: Pixels) -> dict[str, Pixels]:
 
 
 def _bayer(array: Pixels, pattern: str) -> dict[str, Pixels]:
-    """Return the colour planes of a Bayer image: measured where the pattern has the colour, else interpolated."""
+    """Return the red, green and blue planes of a Bayer image: measured values where the pattern has the colour, else
+    interpolated.
+    """
     height, width = array.shape
     if height < 2 or width < 2:
         raise ConversionError(f"height, width: a Bayer pattern has 2 x 2 pixels at least, got {height} x {width}")
@@ -316,7 +323,9 @@ def _interpolated(array: Pixels, pattern: str, letter: str) -> Pixels:
 
 
 def _neighbours(plane: Pixels, with_corners: bool) -> Pixels:
-    """Return for each element of a padded plane the sum of its four neighbours, or of all eight `with_corners`."""
+    """Return, for each element of a padded plane, the sum of its four neighbours, or of all eight neighbours if
+    `with_corners`.
+    """
     total: Pixels = plane[:-2, 1:-1] + plane[2:, 1:-1] + plane[1:-1, :-2] + plane[1:-1, 2:]
     if with_corners:
         total = total + plane[:-2, :-2] + plane[:-2, 2:] + plane[2:, :-2] + plane[2:, 2:]

@@ -1,4 +1,4 @@
-"""HTML views of objects in notebooks: pictures and trees of messages, topics of a bag, entities of a node.
+"""HTML displays of objects in notebooks: pictures and trees of messages, topics of a bag, entities of a node.
 
 IPython calls the functions when it displays an object. They are registered when `rosidl_py_gen.numpy` is imported in
 IPython, or by ``%load_ext rosidl_py_gen.numpy``; this module never imports IPython. Bags and nodes are recognized by
@@ -25,7 +25,10 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
 def load_ipython_extension(ipython: Any) -> None:
-    """Register HTML views of messages, bags and nodes in an IPython; called by ``%load_ext rosidl_py_gen.numpy``."""
+    """Register HTML displays of messages, bags and nodes in an IPython shell.
+
+    Called by ``%load_ext rosidl_py_gen.numpy``.
+    """
     html = ipython.display_formatter.formatters["text/html"]
     html.for_type(Message, message_html)
     html.for_type_by_name("rosidl_py_gen.bags.reader", "BagReader", bag_html)
@@ -33,7 +36,7 @@ def load_ipython_extension(ipython: Any) -> None:
 
 
 def register_if_running() -> None:
-    """Register the HTML views of messages, bags and nodes if this process is an IPython."""
+    """Register HTML displays of messages, bags and nodes if this process is an IPython shell."""
     module = sys.modules.get("IPython")
     ipython = module.get_ipython() if module is not None and hasattr(module, "get_ipython") else None
     if getattr(ipython, "display_formatter", None) is not None:

@@ -23,13 +23,15 @@ _Pixels = np.ndarray[Any, np.dtype[np.uint8]]
 _Numbers = np.ndarray[Any, np.dtype[Any]]
 _MAX_SIDE = 640
 _MAX_PIXELS = 32_000_000
-"""Maximum pixels of an image that is drawn although its encoding cannot be thinned out before the conversion."""
+"""Maximum pixels of an image that is converted completely for drawing, because rows and columns of its encoding cannot
+be left out before."""
 _MAX_PLAIN_BYTES = 2_000_000
 _SIDE, _MIN_SIDE, _MARGIN = 480, 40, 10
 _MAX_POINTS = 200_000
 _MAX_LARGE_POINTS = 50_000
 _BY_BLOCKS = ("bayer_", "yuv422", "uyvy", "yuyv", "nv21", "nv24")
-"""Prefixes of encodings whose pixels share colours with their neighbours, so that pixels cannot be left out."""
+"""Prefixes of image encodings whose pixels share colours with their neighbours, so that single pixels cannot be
+removed."""
 _HEIGHTS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
 _WHITE, _BLUE, _RED, _GREEN = (255, 255, 255), (31, 119, 180), (214, 39, 40), (44, 160, 44)
 
@@ -109,7 +111,10 @@ def _thinned(array: _Numbers) -> Any:
 
 
 def _scaled(values: _Numbers, size: str) -> _Drawn:
-    """Return a gray picture of numbers of any range, dark for small ones; numbers that are not finite are black."""
+    """Return numbers of any range as a gray picture in which small numbers are dark.
+
+    Numbers that are not finite are black.
+    """
     plane = (values if values.ndim == 2 else values[..., 0]).astype(np.float64)
     known = np.isfinite(plane)
     if not known.any():
@@ -158,7 +163,10 @@ class _TopView:
         self._pixels: _Pixels = np.full((self._height, self._width, 3), 255, np.uint8)
 
     def draw(self, x: _Numbers, y: _Numbers, colors: Any, radius: int) -> None:
-        """Draw points as squares; `colors` is one colour, or an array with one for each point."""
+        """Draw points as squares into the picture.
+
+        `colors` is one colour, or an array with one colour for each point.
+        """
         across = np.clip((x - self._x) * self._scale, -_SIDE, _SIDE) + self._width / 2
         down = np.clip((self._y - y) * self._scale, -_SIDE, _SIDE) + self._height / 2
         columns, rows = np.rint(across).astype(np.intp), np.rint(down).astype(np.intp)

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 _DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "b1"}
-"""Numpy types of the datatypes in ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64, and of those that PCL and
-Lyrical added."""
+"""Numpy types of the datatypes in ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64, and of the datatypes that PCL
+and Lyrical added."""
 _ADDED = frozenset(_DATATYPES[number] for number in (9, 10, 11))
 _NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
 _MAX_STEP = 2**31 - 1
-"""Maximum bytes of a point that numpy can describe."""
+"""Maximum value of `point_step`, the bytes of a point, that a numpy dtype can describe."""
 
 
 @reads_message("a sensor_msgs/msg/PointCloud2")
@@ -222,7 +222,7 @@ def array_to_pointcloud(
 
 
 def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
-    """Return numbers in another numpy type; floats are rounded.
+    """Return numbers converted to another numpy type; floats are rounded to its precision.
 
     Raises `ConversionError` if a number is out of the type's range, or has a fraction and the type is an integer.
     """
@@ -242,7 +242,7 @@ def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[An
 
 
 def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
-    """Return points contiguous in memory and in one byte order, and True if that is big-endian.
+    """Return structured points in contiguous memory and in one byte order, and True if the byte order is big-endian.
 
     Bytes between fields are zero. Raises `ConversionError` for a type that point clouds do not have.
     """

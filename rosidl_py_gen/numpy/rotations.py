@@ -14,7 +14,8 @@ from rosidl_py_gen.numpy.common import ConversionError, M, as_float64, message_c
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _TOLERANCE = 1e-3
-"""Maximum deviation of a matrix from a rotation: enough for float32 and for values printed with four digits."""
+"""Maximum deviation of a matrix from a rotation matrix that is accepted: enough for float32 and for values printed with
+four digits."""
 
 
 def _quaternions(value: Any) -> Array:
@@ -117,10 +118,11 @@ def quaternion_to_euler(quaternion: Any) -> Array:
 
 @reads_message("a transform or a pose")
 def transform_to_matrix(transform: Any) -> Array:
-    """Return the 4 x 4 matrix of a Transform (translation, rotation) or Pose (position, orientation), stamped or not.
+    """Return the 4 x 4 matrix of a Transform (translation, rotation) or Pose (position, orientation) message, stamped
+    or not.
 
     Raises:
-        ConversionError: the message is neither, or its rotation is zero or not finite.
+        ConversionError: the message is neither of these, or its rotation is zero or not finite.
     """
     for inner in ("transform", "pose"):
         transform = getattr(transform, inner, transform)

@@ -25,7 +25,7 @@ _MAX_RATE_HZ = 10_000
 
 @dataclass(slots=True)
 class _FreeJoint:
-    """Joint that mimics no other joint.
+    """Joint that mimics no other joint, so its position is set independently.
 
     Attributes:
         values: the values of position, velocity and effort that are known.
@@ -38,7 +38,9 @@ class _FreeJoint:
     direction: int = 1
 
     def move(self, delta: float) -> None:
-        """Change the position by `delta`, back and forth between the limits; a continuous joint goes around."""
+        """Change the position of the joint by `delta`: it moves back and forth between its limits, and a continuous
+        joint goes around.
+        """
         position = self.values["position"] + self.direction * delta
         if position > self.upper and self.is_continuous:
             position = self.lower
@@ -49,7 +51,7 @@ class _FreeJoint:
 
 
 class JointStatePublisher:
-    """Node `joint_state_publisher` of a context, whose first argument may be the file of a URDF.
+    """ROS node `joint_state_publisher`; the first argument of its context may be the path of a URDF file.
 
     Raises:
         ParameterError: a parameter has another type.
@@ -124,7 +126,7 @@ class JointStatePublisher:
                 self.node.logger.error(f"robot description ignored: {error}")
 
     def _use_description(self, text: str, path: str = "<robot_description>") -> None:
-        """Use the movable joints of a URDF from now on.
+        """Replace the published joints by the movable joints of a URDF.
 
         Raises `DefinitionError` for an invalid URDF, or `ProgramError` for invalid mimic relations, and changes nothing
         then.
@@ -185,17 +187,19 @@ class JointStatePublisher:
 
 
 def main() -> int:
-    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    """Run the node joint_state_publisher until SIGINT or SIGTERM; return the exit code."""
     return serve(NAME, JointStatePublisher)
 
 
 def main_without_window() -> int:
-    """Run the node for the executable joint_state_publisher_gui, as `main`; log a note that it has no window."""
+    """Run the node for the executable joint_state_publisher_gui like `main`; the node logs that it has no window."""
     return serve(NAME, create_without_window)
 
 
 def create_without_window(*, context: Context | None = None) -> JointStatePublisher:
-    """Return a `JointStatePublisher` that has logged why there is no window."""
+    """Return a `JointStatePublisher` node, which logs that this package has no window for the executable
+    joint_state_publisher_gui.
+    """
     publisher = JointStatePublisher(context=context)
     publisher.node.logger.info(
         "joint_state_publisher_gui: rosidl-py-gen has no window with sliders; running joint_state_publisher instead, "

@@ -1,4 +1,4 @@
-"""Common parts of the robot executables: running a node until it is stopped, and errors of the command line."""
+"""Common functions of the robot executables: run a node until it is stopped, and report errors of the command line."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Durability, ParameterError, QoSProfile, RosArgumentError, get_logger, run
 
 LATCHED = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
-"""QoS profile of the topic ``robot_description``, whose last message later subscribers receive."""
+"""QoS profile of the topic ``robot_description``: a subscriber that joins later receives the last message."""
 WARNING_INTERVAL_S = 10.0
-"""Minimum time between two warnings about the messages of a topic, which may arrive at any rate."""
+"""Minimum time in seconds between two warnings about the messages of a topic, which may arrive at any rate."""
 
 
 class ProgramError(RosidlError, ValueError):

@@ -33,7 +33,7 @@ class RobotParameters:
 
 
 class RobotStatePublisher:
-    """Node `robot_state_publisher` of a context, whose first argument may be the file of a URDF.
+    """ROS node `robot_state_publisher`; the first argument of its context may be the path of a URDF file.
 
     Raises:
         ParameterError: a parameter has an invalid value.
@@ -63,7 +63,10 @@ class RobotStatePublisher:
         node.add_post_set_callback(self._apply_parameters)
 
     def _refusal(self, new: RobotParameters) -> str | None:
-        """Return why new parameters are refused, or None; the joints of an accepted robot description are stored."""
+        """Return why new parameter values are refused, or None if they are accepted.
+
+        The joints of an accepted robot description are stored.
+        """
         text = new.robot_description
         try:
             if text not in self._parsed and (text or self._parsed):  # at the start, a file may replace no text
@@ -93,9 +96,10 @@ class RobotStatePublisher:
         self.node.logger.info("Robot initialized")
 
     def _publish_fixed(self) -> None:
-        """Publish the transforms of fixed and planar joints, and prepare the message of each joint with its frames.
+        """Publish the transforms of fixed and planar joints, and prepare a message with the frames of each movable
+        joint.
 
-        Floating joints are left to other nodes.
+        The transforms of floating joints are left to other nodes.
         """
         now, prefix = self.node.clock.now().nanoseconds, self._parameters.frame_prefix
         self._messages: dict[str, Any] = {}  # reused for each position
@@ -150,5 +154,5 @@ class RobotStatePublisher:
 
 
 def main() -> int:
-    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    """Run the node robot_state_publisher until SIGINT or SIGTERM; return the exit code."""
     return serve(NAME, RobotStatePublisher)

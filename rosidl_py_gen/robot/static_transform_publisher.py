@@ -35,7 +35,7 @@ _ANGLES = ("roll", "pitch", "yaw")
 _QUATERNION = {"qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
 _OPTIONS = ("x", "y", "z", *_ANGLES, *_QUATERNION, *_FRAMES)
 _OLD_FORMS = {8: ("x", "y", "z", *reversed(_ANGLES), *_FRAMES), 9: ("x", "y", "z", *_QUATERNION, *_FRAMES)}
-"""Names of the values in a command line without options, by their number."""
+"""Names of the values in a command line of static_transform_publisher without options, by the number of values."""
 
 
 def parse_transform(arguments: Sequence[str]) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def parse_transform(arguments: Sequence[str]) -> dict[str, Any]:
 
 
 class StaticTransformPublisher:
-    """Node that publishes the transform in its context's arguments, and has it as read-only parameters.
+    """ROS node that publishes the transform given in the arguments of its context, and has it as read-only parameters.
 
     Raises:
         ProgramError: an argument is missing, unknown or has an invalid value.
@@ -104,7 +104,7 @@ class StaticTransformPublisher:
 
 
 def main() -> int:
-    """Run the node until SIGINT or SIGTERM, or print the usage; return the exit code."""
+    """Run the node static_transform_publisher until SIGINT or SIGTERM, or print its usage; return the exit code."""
     if not {"-h", "--help"}.isdisjoint(sys.argv[1:]):
         print(USAGE, end="")
         return 0

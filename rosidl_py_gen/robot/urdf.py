@@ -22,15 +22,15 @@ from rosidl_py_gen.tf.quaternion_math import ORIGIN, Quaternion, Vector, add, no
 
 MAX_BYTES = 8 * MAX_FILE_BYTES  # URDFs of humanoids with all their meshes have about 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
-"""Types of joints that have one position."""
+"""Types of URDF joints that have one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-"""Pattern of the numbers that urdfdom reads: no infinity, NaN, hexadecimal digits or decimal comma."""
+"""Pattern of the numbers that urdfdom reads, which excludes infinity, NaN, hexadecimal digits and the decimal comma."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """Dependence of a joint's position: it is the position of the joint `joint` times `multiplier` plus `offset`."""
+    """Dependence of a joint on another joint: the position of the joint `joint`, times `multiplier`, plus `offset`."""
 
     joint: str
     multiplier: float = 1.0
@@ -122,7 +122,9 @@ def _log(warnings: list[Diagnostic]) -> None:
 
 
 def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[dict[str, Mimic], list[str]]:
-    """Return acyclic mimic relations in evaluation order, and a problem text for each cycle or unknown joint."""
+    """Return the mimic relations in an order in which they can be evaluated, and an error text for each cycle or
+    unknown joint.
+    """
     sorter = TopologicalSorter({name: (mimic.joint,) for name, mimic in mimics.items()})
     problems: list[str] = []
     try:
@@ -230,9 +232,10 @@ def _number(element: XmlElement, key: str, where: str, default: float = 0.0) -> 
 
 
 def _numbers(element: XmlElement, key: str, where: str, *defaults: float) -> Any:
-    """Return the numbers of an XML attribute, as many as there are defaults; the defaults if the attribute is missing.
+    """Return the numbers of an XML attribute.
 
-    Raises `DefinitionError` for other texts.
+    It must have as many numbers as `defaults`, which is returned if it is missing. Raises `DefinitionError` for other
+    texts.
     """
     text = element.attributes.get(key)
     if text is None:

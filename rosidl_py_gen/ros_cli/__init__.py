@@ -46,7 +46,7 @@ class CommandError(RosidlError):
 
 @cache
 def root() -> click.Group:
-    """Return the click group ``rosidl-py`` with all its commands."""
+    """Return the click group ``rosidl-py``, which contains all commands."""
     from rosidl_py_gen.ros_cli.groups import root_group
 
     return click_module().version_option(__version__, prog_name="rosidl-py")(root_group())  # type: ignore[no-any-return]
@@ -61,9 +61,9 @@ def click_module() -> Any:
 
 @dataclass(frozen=True)
 class AsyncCommand:
-    """Command that runs on an event loop; `main` returns its exit code, None for 0.
+    """Wrapper of a command that runs on an event loop; its coroutine `main` returns the exit code, None for 0.
 
-    An endless command runs until it is interrupted, and its exit code is 0 then.
+    A command that is endless runs until it is interrupted, and its exit code is 0 then.
     """
 
     main: Coroutine[Any, Any, int | None]
@@ -153,7 +153,9 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _configure_process(is_process: bool) -> None:
-    """Set up garbage collection and standard streams of a process that runs a command, but no program of the user."""
+    """Set up garbage collection and standard streams of a process that runs a command of this package, and no program
+    of the user.
+    """
     if is_process:
         # Garbage collection of imported modules, and at exit, takes a tenth of the time of a short command.
         gc.set_threshold(200_000)
@@ -201,7 +203,7 @@ def _show_warning(message: Warning | str, category: type[Warning], *place: Any, 
 
 
 def report(text: str) -> None:
-    """Print an error on standard error: in one line, or with the source line and caret that `text` contains.
+    """Print an error on standard error: on one line, or with the source line and caret that `text` contains.
 
     As the text may contain names of peers, line breaks are escaped and control characters replaced.
     """

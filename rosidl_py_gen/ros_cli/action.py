@@ -63,7 +63,10 @@ async def info(command_node: CommandNode, action: str, show_types: bool, count: 
 
 
 def _nodes_with(action: str, node: Node, topics_of: Callable[[str, str], Any]) -> list[dict[str, Any]]:
-    """Return the nodes that have topics of an action, with its types; `topics_of(name, namespace)` lists topics."""
+    """Return the nodes that have topics of an action, with the types of the action.
+
+    The function `topics_of(name, namespace)` returns the topics of a node.
+    """
     from rosidl_py_gen.ros_cli.name_lookup import actions
 
     return [
@@ -123,7 +126,9 @@ async def send_goal(
 async def _follow(
     client: ActionClient[Any], goal: Message, show: _Printer, show_feedback: bool, timeout_s: float
 ) -> int:
-    """Send the goal, print feedback and result, and return 0 if the goal succeeded, 1 if not, 130 after Ctrl-C."""
+    """Send a goal, print feedback and result, and return the exit code: 0 if the goal succeeded, 1 if not, 130 after
+    Ctrl-C.
+    """
     import asyncio
 
     from rosidl_py_gen.runtime import GoalRejectedError, GoalStatus
@@ -152,7 +157,10 @@ async def _end(handle: ClientGoal[Any], show: _Printer, timeout_s: float | None 
 
 
 async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeout_s: float) -> None:
-    """Cancel the goal once `sending` has sent it, and wait for its end; raises `CommandError` if it may still run."""
+    """Wait until the task `sending` has sent the goal, cancel the goal, and wait for its end.
+
+    Raises `CommandError` if the goal may still run.
+    """
     from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError
 
     terminal_output.note("Canceling goal...")
@@ -169,7 +177,9 @@ async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeou
 
 
 class _Printer:
-    """Printer in the form of ``ros2 action send_goal``, or of a line of JSON for each feedback and for the result."""
+    """Printer of a goal's progress in the form of ``ros2 action send_goal``, or as a line of JSON for each feedback and
+    the result.
+    """
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json

@@ -1,4 +1,4 @@
-"""Node of a command, and waiting until discovery has found other nodes.
+"""Node of a command, and functions that wait until discovery has found other nodes.
 
 Discovery never reports that it is complete, so a command waits for a quiet period (`CommandNode.wait_for_discovery`).
 """
@@ -30,7 +30,8 @@ _MIN_DISCOVERY_S = 0.2
 _QUIET_PERIOD_S = 0.1
 """Time without a change of the graph after which discovery counts as complete, in seconds."""
 _INCOMPLETE_QUIET_PERIOD_S = 0.5
-"""Value of `_QUIET_PERIOD_S` while endpoints that nodes have announced are still missing, as over wireless links."""
+"""Time in seconds without a change of the graph after which discovery counts as complete although announced endpoints
+are missing, as over wireless links."""
 _NO_PEER_TIMEOUT_S = 1.0
 """Time to wait for discovery if no other node is found, in seconds."""
 _MAX_DISCOVERY_S = 2.0
@@ -53,7 +54,9 @@ _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
 
 
 class NetworkOptions(TypedDict, total=False):
-    """Values of the options that all commands with a node have, and a context that was opened early, or its error."""
+    """Values of the options that all commands with a node have, and a context that was opened early, or the error from
+    opening it.
+    """
 
     domain_id: int | None
     discovery: str | None
@@ -63,7 +66,7 @@ class NetworkOptions(TypedDict, total=False):
 
 
 def now_s() -> float:
-    """Return the time of the running loop; in tests it is virtual."""
+    """Return the time of the running event loop in seconds; tests replace it by virtual time."""
     return asyncio.get_running_loop().time()
 
 
@@ -99,7 +102,9 @@ def context_opened_early(network: NetworkOptions) -> Iterator[None]:
 
 
 def _end(number: int, _: object) -> None:
-    """Raise `SystemExit` for a signal, so that the context is closed and peers need not wait for its lease."""
+    """Raise `SystemExit` when a signal arrives, so that the context is closed and peers need not wait until its lease
+    expires.
+    """
     sys.exit(128 + number)
 
 
@@ -195,9 +200,9 @@ class CommandNode:
             )
 
     async def wait_for(self, condition: Callable[[], object], timeout_s: float | None = None) -> bool:
-        """Wait until a condition is true, checked after every change of the graph; returns False after the timeout.
+        """Wait until a condition is true, which is checked after every change of the graph.
 
-        A timeout of None means ``--spin-time``, or 5 s without it.
+        Returns False after the timeout. A timeout of None means ``--spin-time``, or 5 s without it.
         """
         if timeout_s is None:
             timeout_s = DEFAULT_FIND_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s

@@ -50,12 +50,12 @@ def complete_names(what: str, context: click.Context, incomplete: str) -> list[C
 
 
 def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete names of topics, services or actions (`kind`) in the bags that the command line names."""
+    """Complete names in the bags that the command line names; `kind` is topics, services or actions."""
     return _items(lambda: _bag_names(kind, context), incomplete)
 
 
 def complete_call(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete ``[TYPE] [VALUES]`` after the name of a topic, service or action.
+    """Complete the words ``[TYPE] [VALUES]`` after the name of a topic, service or action.
 
     TYPE is the announced type, or else any type on the search path. VALUES are all fields with their default values.
     """
@@ -74,7 +74,7 @@ def complete_fields(context: click.Context, incomplete: str) -> list[CompletionI
 
 
 def complete_plot_words(source: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete a topic or field of ``/TOPIC FIELD...``, from the ``graph``, or from a ``bag`` whose path precedes."""
+    """Complete a word of ``/TOPIC FIELD...``, from the live ``graph``, or from the ``bag`` whose path precedes it."""
     words = context.params.get("words") or ()
     if source == "bag":
         if not words:
@@ -139,7 +139,7 @@ def _names(what: str, context: click.Context) -> list[str]:
 
 
 def _query(context: click.Context, request: Callable[[CommandNode], Awaitable[T]]) -> T:
-    """Create a command node, wait for discovery, and return the result of `request` with the node."""
+    """Create a command node, wait for discovery, call `request` with the node, and return its result."""
     import asyncio
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
@@ -199,7 +199,9 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 
 
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
-    """Return the class of a topic's messages, a service or an action (`kind`), installed or of the announced type."""
+    """Return the class of a topic's messages, of a service or of an action, which is installed or has the announced
+    type.
+    """
     import asyncio
 
     from rosidl_py_gen.ros_cli import name_lookup, type_resolution
@@ -219,7 +221,7 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
 
 
 def _field_paths(cls: type[Message], incomplete: str) -> list[str]:
-    """Return completions of a field path: matching fields, and if only one field matches, also the fields inside it."""
+    """Return completions of a field path: matching fields; if only one field matches, the fields inside it as well."""
     *parents, last = incomplete.split(".")
     for name in parents:
         fields = {field.ros_name: field for field in cls._TYPE.fields}

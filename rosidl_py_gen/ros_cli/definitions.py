@@ -36,7 +36,10 @@ def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
 
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
-    """Return the interfaces of a package ("": of all), sorted. Raises `CommandError` if the package is unknown."""
+    """Return the sorted interfaces of a package, or of all packages for "".
+
+    Raises `CommandError` if the package is unknown.
+    """
     from rosidl_py_gen.type_loading.from_description import generated_names
 
     generated = [
@@ -52,7 +55,10 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
 
 
 def name_or_stdin(text: str) -> str:
-    """Return `text`, or if it is ``-``, a line of standard input; raises `CommandError` if that line is empty."""
+    """Return an argument unchanged, or for ``-`` the first line of standard input.
+
+    Raises `CommandError` if that line is empty.
+    """
     if text == "-":
         text = sys.stdin.readline().strip() if sys.stdin is not None else ""
         if not text:
@@ -61,7 +67,7 @@ def name_or_stdin(text: str) -> str:
 
 
 def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, RosName]:
-    """Read the definition that `text` names: on the search path, in a generated package, or in cached descriptions."""
+    """Return the definition that `text` names, from the search path, a generated package, or cached descriptions."""
     text = name_or_stdin(text)
     name = resolve_name(search, text)
     registry = InterfaceRegistry(search)
@@ -133,7 +139,9 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
 
 
 def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """Return a registry for each definition of a type that a single cached description contains completely, by hash."""
+    """Return the definitions of a type in cached descriptions that contain the type completely, as
+    registries by hash.
+    """
     is_service = name.kind == "srv" and "_" not in name.name
     registries: dict[str, InterfaceRegistry] = {}
     for one in descriptions:
@@ -145,7 +153,10 @@ def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str
 
 
 def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """Join cached descriptions of the messages of a service or action; return a registry by hash, {} if incomplete."""
+    """Return a service or action whose messages are described in several cached descriptions, as a registry by hash.
+
+    Returns {} if a message is missing.
+    """
     messages = written_messages(name, name.kind == "srv" and "_" not in name.name)
     joined = _CachedDescriptions({}, {})
     for one in descriptions if len(messages) > 1 else ():

@@ -1,4 +1,6 @@
-"""The commands ``list``, ``find`` and ``type``, which are alike for topics, services and actions."""
+"""Functions that make the commands ``list``, ``find`` and ``type``, which are the same for topics, services and
+actions.
+"""
 
 from __future__ import annotations
 

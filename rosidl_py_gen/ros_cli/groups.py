@@ -74,7 +74,7 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
     ),
     "zenoh-router": ("Run a Zenoh router for nodes on rmw_zenoh.", "zenoh_router"),
 }
-"""Help of each command, and its module in this package; for a group, modules by the names of its commands."""
+"""Table of all commands with the help and the module of each; for a group, modules by the names of its commands."""
 
 _EXAMPLES = {
     "action": (
@@ -122,7 +122,7 @@ _EXAMPLES = {
         "topic hz /scan",
     ),
 }
-"""Examples in the help of each group, without the name of the program."""
+"""Examples for the help of each command group, without the name of the program."""
 _HINTS = {
     "component": "components are shared libraries of C++, which this package does not load",
     "daemon": "there is no daemon, because each command discovers nodes",

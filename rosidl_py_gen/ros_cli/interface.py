@@ -1,4 +1,4 @@
-"""``rosidl-py interface``: definitions of messages, services and actions, without a network."""
+"""Commands of ``rosidl-py interface``: definitions of messages, services and actions, without a network."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ _kind_options = options.all_of(
 def _find_names(
     paths: tuple[str, ...], package: str, msgs: bool, srvs: bool, actions: bool
 ) -> tuple[SearchPath, list[str], list[RosName]]:
-    """Return the search path, the selected kinds (all if none is given), and the interfaces of these kinds."""
+    """Return the search path, the selected kinds of interfaces (all if none is given), and the interfaces of these
+    kinds.
+    """
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
     from rosidl_py_gen.ros_cli.definitions import names_of
 
@@ -44,7 +46,7 @@ def _find_names(
 @options.as_json
 @verb
 def list_(package: str | None, paths: tuple[str, ...], as_json: bool, msgs: bool, srvs: bool, actions: bool) -> None:
-    """Print the available interfaces, all or those of a package.
+    """Print the available interfaces, of all packages or of one.
 
     \b
     rosidl-py interface list -s
@@ -186,7 +188,7 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 
 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
-    """Return a message of a type with default values; of a service the request, of an action the goal."""
+    """Return an example message of a type with default values; for a service its request, for an action its goal."""
     from rosidl_py_gen import get_message
     from rosidl_py_gen.compiler.frontend.registry import resolve_name
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -209,10 +211,10 @@ def _example(text: str, paths: tuple[str, ...]) -> Message:
 
 
 def _message_suffix(name: RosName) -> str:
-    """Return the name of the message that users fill in, Request or Goal; "" for a message."""
+    """Return the name of the part of a type that users fill in: Request or Goal; "" for a message."""
     return "" if "_" in name.name else {"msg": "", "srv": "Request", "action": "Goal"}[name.kind]
 
 
 def _quoted(text: str) -> str:
-    """Quote a text as one word of a shell, in double quotes unless it has characters that a shell expands."""
+    """Return a text as one word of a shell, in double quotes unless it has characters that a shell would expand."""
     return shlex.quote(text) if any(char in text for char in '"\\$`!') else f'"{text}"'

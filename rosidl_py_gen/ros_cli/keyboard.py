@@ -1,7 +1,7 @@
-"""Reading of keys that control a running command in a terminal.
+"""Reading of keys with which the user controls a running command in a terminal.
 
-The mode of the terminal is restored whenever this process gives it up: at the end, and on every signal that ends or
-stops it. No keys are read if standard input is not a terminal, or if the process is in the background.
+The mode of the terminal is restored at the end, and on every signal that ends or stops this process. No keys are read
+if standard input is not a terminal, or if the process is in the background.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _KEY = re.compile(rb"\x1b[\[O]([A-D])|( )")
 _INCOMPLETE_KEY = re.compile(rb"\x1b[\[O]?\Z")
 _GIVING_UP = "SIGHUP", "SIGQUIT", "SIGTSTP"
-"""Signals that end or stop this process without clean-up code, unlike SIGINT and SIGTERM."""
+"""Signals that end or stop this process without running its clean-up code, unlike SIGINT and SIGTERM."""
 
 
 def keys_of(data: bytes) -> tuple[list[str], bytes]:
@@ -34,7 +34,10 @@ def keys_of(data: bytes) -> tuple[list[str], bytes]:
 
 @contextmanager
 def read_keys(actions: Mapping[str, Callable[[], object]]) -> Iterator[bool]:
-    """Call the action of each pressed key on the running loop; yields True, or False if no keys can be read."""
+    """Call the action of each pressed key on the running loop while the block runs.
+
+    Yields True, or False if no keys can be read.
+    """
     try:
         import termios
 

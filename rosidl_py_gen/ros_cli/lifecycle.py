@@ -20,7 +20,7 @@ _IDENTIFYING_SERVICE = "/get_state"
 
 
 class _LifecycleAccess(NamedTuple):
-    """Lifecycle services of the node `name`. Requests raise `CallTimeoutError` or `ServerLostError`."""
+    """Access to the lifecycle services of the node `name`. Requests raise `CallTimeoutError` or `ServerLostError`."""
 
     node: Node
     name: str
@@ -46,7 +46,10 @@ def _lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
 
 @asynccontextmanager
 async def _access(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[_LifecycleAccess]:
-    """Wait for a lifecycle node and yield access to its services; raises `CommandError` if it is missing or silent."""
+    """Wait for a lifecycle node, and yield access to its services.
+
+    Raises `CommandError` if it is missing or does not respond.
+    """
     from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 
     name = await command_node.find("node", node, timeout_s)

@@ -23,7 +23,7 @@ _TOPIC = "/rosout"
 _TYPE = "rcl_interfaces/msg/Log"
 _DEPTH = 1000
 _RETAINED_S = 0.3
-"""Time in which retained messages are collected before the first is printed, in seconds."""
+"""Time in seconds in which retained messages are collected before the first one is printed."""
 _LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 _NAMES = {number: name.upper() for name, number in _LEVELS.items()}
 _STYLES = {10: "green", 30: "yellow", 40: "red", 50: "bold red"}
@@ -106,7 +106,10 @@ async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new
 
 
 def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
-    """Return the QoS for a subscription to /rosout; None (adapt to publishers) if any node offers less."""
+    """Return the QoS for a subscription to /rosout.
+
+    Returns None, which adapts to publishers, if a node offers less than usual.
+    """
     from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 
     if only_new:

@@ -29,14 +29,16 @@ _MAX_BITS = 256
 _MAX_CONSTANT = 64
 MAX_CPU_S = 1.0
 _CHECK_INTERVAL = 16
-"""Number of loop elements between two checks of the CPU time. A check takes 0.3 µs, as a short expression does."""
+"""Number of loop elements in an expression between two checks of the CPU time. A check takes 0.3 µs, as a short
+expression does."""
 _IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub)
 _IN_FILTERS = (
     *(*_IN_PATHS, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Tuple, ast.List, ast.Set, ast.Call),
     *(ast.GeneratorExp, ast.comprehension, ast.operator, ast.unaryop, ast.boolop, ast.cmpop),
 )
 _Shape: TypeAlias = "type[Message] | Field | None"
-"""Static type of a value: a message class, the field with the value or with an array of such values, or None."""
+"""Static type of a value in an expression: a message class, the field with the value or with an array of such values,
+or None."""
 
 
 class FilterError(RosidlError, ValueError):
@@ -44,7 +46,7 @@ class FilterError(RosidlError, ValueError):
 
 
 def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
-    """Compile a condition such as ``m.x > 1`` to a function that tests a message of a class.
+    """Compile a condition such as ``m.x > 1`` to a function that tests messages of a class.
 
     Raises `FilterError` if the condition is not allowed; the function raises `FilterError` if the condition has no
     value for a message.
@@ -319,7 +321,9 @@ def _limited(value: Any) -> Any:
 
 
 def _of_array(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
-    """Return a function that calls `of_array` if its first argument is a numpy array, and `function` otherwise."""
+    """Return a function that calls `of_array` if its first argument is a numpy array, and calls `function`
+    otherwise.
+    """
     return lambda *values: of_array(values[0]).item() if isinstance(values[0], np.ndarray) else function(*values)
 
 

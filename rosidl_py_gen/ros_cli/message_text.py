@@ -1,4 +1,4 @@
-"""Messages as text: YAML that users read and write, and the `repr` of rclpy.
+"""Conversion of messages to text: YAML that users read and write, and the `repr` of rclpy.
 
 Printed arrays and strings are truncated to 128 elements, as in `ros2 topic echo`.
 """
@@ -156,7 +156,7 @@ def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
 
 
 def set_stamps(stamps: Sequence[Any]) -> None:
-    """Set each of `stamps`, messages of type Time, to the current system time."""
+    """Set messages of type Time, which are `stamps` inside a message, to the current system time."""
     now_ns = time_ns()
     for stamp in stamps:
         set_stamp(stamp, now_ns)
@@ -165,7 +165,7 @@ def set_stamps(stamps: Sequence[Any]) -> None:
 _HEADER = "std_msgs/msg/Header"
 _TIME = "builtin_interfaces/msg/Time"
 _Path = tuple[str | int, ...]
-"""Names of attributes and indices that lead from a message to a stamp in it."""
+"""Path of attribute names and indices that leads from a message to a stamp in it."""
 
 
 def _follow(value: Any, step: str | int) -> Any:

@@ -1,4 +1,6 @@
-"""Look-ups in the ROS graph: hidden names, nodes that serve a service, actions; and the owner of a recorded topic."""
+"""Functions that find names in the ROS graph (hidden names, nodes that serve a service, actions), and the owner of a
+recorded topic.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
-"""Name after the node's name, and type, of a service that every node with parameters has."""
+"""Name after the node's name, and type, of a service by which nodes with parameters are found."""
 _FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
 _EVENT = "/_service_event"
 _ACTION = "/_action/"

@@ -27,10 +27,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class FiniteRange(click.FloatRange):
-    """Type of options with a number in a range, without NaN and infinities, which `click.FloatRange` accepts."""
+    """Click type of options with a number in a range, without NaN and infinities, which `click.FloatRange` accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number; fail if it is out of the range or not finite."""
+        """Return the number of an option's text; fail if it is out of the range or not finite."""
         number = super().convert(value, param, ctx)
         if not isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)
@@ -38,7 +38,7 @@ class FiniteRange(click.FloatRange):
 
 
 def compile_pattern(text: str, option: str) -> re.Pattern[str]:
-    """Return a regular expression of a command line; raises `CommandError`."""
+    """Return the compiled form of a regular expression on a command line; raises `CommandError` if it is invalid."""
     try:
         return re.compile(text)
     except re.error as error:
@@ -46,7 +46,7 @@ def compile_pattern(text: str, option: str) -> re.Pattern[str]:
 
 
 def all_of(*options: Callable[[F], F]) -> Callable[[F], F]:
-    """Add options in this order."""
+    """Return a decorator that adds several options to a command, in the given order."""
 
     def add(command: F) -> F:
         for option in reversed(options):
@@ -77,31 +77,31 @@ _path = click.option(
 
 
 def paths(command: F) -> F:
-    """Add ``--path`` and ``--distro``, which select definitions."""
+    """Add the options ``--path`` and ``--distro`` to a command, which select definitions."""
     return _path(distro(command))  # type: ignore[no-any-return]
 
 
 def seconds(*names: str, maximum: float | None = None, **settings: Any) -> Callable[[F], F]:
-    """Add an option with a time in seconds."""
+    """Return a decorator that adds an option with a time in seconds."""
     kind = click.FloatRange(0, maximum)
     return click.option(*names, type=kind, metavar="SECONDS", show_default="default" in settings, **settings)
 
 
 def rate(*names: str, **settings: Any) -> Callable[[F], F]:
-    """Add an option with a rate in Hz."""
+    """Return a decorator that adds an option with a rate in Hz."""
     kind = click.FloatRange(0, min_open=True)
     return click.option(*names, type=kind, metavar="HZ", show_default="default" in settings, **settings)
 
 
 def window(default: int) -> Callable[[F], F]:
-    """Add ``--window`` of commands that compute statistics."""
+    """Add the option ``--window`` to a command that computes statistics."""
     text = "Number of the last messages to compute with."
     kind = click.IntRange(2)
     return click.option("-w", "--window", type=kind, default=default, show_default=True, metavar="N", help=text)
 
 
 def timeout(help_text: str, default_s: float = 5) -> Callable[[F], F]:
-    """Add ``--timeout``, passed as `timeout_s`; it may be infinite."""
+    """Add the option ``--timeout`` to a command, passed as `timeout_s`; it may be infinite."""
     return seconds("--timeout", "timeout_s", default=default_s, help=help_text)
 
 
@@ -111,7 +111,7 @@ topic_timeout = seconds("--timeout", "timeout_s", help="Maximum time to wait for
 
 
 def count(kind: str) -> Callable[[F], F]:
-    """Add ``--count-KIND``, passed as `count`."""
+    """Return a decorator that adds the option ``--count-KIND``, passed as `count`."""
     return click.option("-c", f"--count-{kind}", "count", is_flag=True, help=f"Print only the number of {kind}.")
 
 
@@ -238,7 +238,7 @@ split_options = all_of(
         help="Maximum duration of a file; 0 means no limit.",
     ),
 )
-"""Limits after which a bag continues in a new file."""
+"""Options for limits after which a bag continues in a new file."""
 no_keys = click.option("--disable-keyboard-controls", "no_keys", is_flag=True, help="Do not read the keyboard.")
 output_storage = click.option(
     "-s",
@@ -350,7 +350,7 @@ class MultiValueCommand(click.Command):
 
 
 class SeveralArgument(click.Argument):
-    """Argument with any number of words, of a `MultiValueCommand`."""
+    """Click argument of a `MultiValueCommand` that takes any number of words."""
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         option: click.Option | None = ctx.meta.get(_OPEN)
@@ -358,9 +358,9 @@ class SeveralArgument(click.Argument):
 
 
 _OPEN = f"{__name__}.open"
-"""Key in a click context: the option that takes the next word."""
+"""Key in a click context under which the option that takes the next word is stored."""
 _INSTEAD = "inputs"
-"""Name of an option that replaces the arguments of its command."""
+"""Name of the option that replaces the arguments of its command."""
 
 
 def _is_option(word: str) -> bool:
@@ -372,14 +372,15 @@ def _is_option(word: str) -> bool:
 
 _completer = partial(lazy_completion, "rosidl_py_gen.ros_cli.completion")
 completion = partial(_completer, "complete_names")
-"""Completes ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``, ``service
-types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path; or ``workspace packages``."""
+"""Function that returns a completion callback for names of a kind: ``topics``, ``services``, ``actions``, ``nodes`` or
+``parameters`` of the live graph; ``types``, ``service types``, ``action types``, ``interfaces`` (all three) or
+``packages`` of the search path; or ``workspace packages``."""
 call_completion = partial(_completer, "complete_call")
-"""Completes ``[TYPE] [VALUES]`` of a ``topic``, ``service`` or ``action``."""
+"""Function that returns a completion callback for ``[TYPE] [VALUES]`` of a ``topic``, ``service`` or ``action``."""
 bag_completion = partial(_completer, "complete_bag_names")
-"""Completes topics, services or actions, such as ``topic``, of the bag on the command line."""
+"""Function that returns a completion callback for topics, services or actions of the bag on the command line."""
 plot_completion = partial(_completer, "complete_plot_words")
-"""Completes topics and fields, of a ``bag`` or of the live ``graph``."""
+"""Function that returns a completion callback for topics and fields, of a ``bag`` or of the live ``graph``."""
 field_completion = _completer("complete_fields")
 launch_completion = _completer("complete_launch_words")
 enclave_completion = _completer("complete_enclaves")
@@ -404,6 +405,6 @@ topics = several(
     metavar="TOPIC...",
     help="Only these topics. May be repeated.",
 )
-"""Topics of a bag; the ``cls`` of the command is `MultiValueCommand`."""
+"""Option ``--topics``, which selects topics of a bag; the ``cls`` of the command is `MultiValueCommand`."""
 bag_selection = all_of(topics, start_offset, duration)
 """Options that select topics and a time range of a bag; the ``cls`` of the command is `MultiValueCommand`."""

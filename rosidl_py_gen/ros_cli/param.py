@@ -57,12 +57,12 @@ async def _missing_parameters_text(client: ParameterClient, requested: Sequence[
 
 
 def _type_text(kind: ParameterType) -> str:
-    """Return the name of a parameter type in ``ros2 param``, such as ``boolean array``."""
+    """Return the name that ``ros2 param`` prints for a parameter type, such as ``boolean array``."""
     return kind.name.lower().replace("_", " ").replace("bool", "boolean")
 
 
 def _plain(value: Any) -> Any:
-    """Return the value of a parameter for output; tuples and bytes become lists."""
+    """Return the value of a parameter in the form for output, in which tuples and bytes become lists."""
     return list(value) if isinstance(value, tuple | bytes) else value
 
 
@@ -342,7 +342,7 @@ async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: 
 
 
 def fit_parameter(text: str, kind: ParameterType) -> ParameterValue | None:
-    """Convert a text to a parameter value of the type `kind`; returns None if the text does not fit the type."""
+    """Convert a text to a parameter value of the type `kind`; None if the text does not fit the type."""
     from rosidl_py_gen.ros_cli.values import as_bool, as_float, as_integer, as_text, parse_value
     from rosidl_py_gen.runtime import InvalidParameterValueError, ParameterType, parameter_value
 

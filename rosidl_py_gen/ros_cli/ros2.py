@@ -1,4 +1,4 @@
-"""The command ``ros2`` of programs and launch files, where ROS is not installed: it runs ``rosidl-py``.
+"""Command ``ros2`` for programs and launch files where ROS is not installed, which runs ``rosidl-py``.
 
 `prefix.build` writes a program that calls `main` into each prefix. ``run``, ``launch`` and ``test`` append its folder
 to the end of PATH, so that a ``ros2`` of ROS takes precedence.
@@ -17,7 +17,7 @@ _PACKAGES = Path("share", "ament_index", "resource_index", "packages")
 
 
 def main() -> None:
-    """Run the command ``ros2`` with the arguments of this process, mostly by ``rosidl-py``."""
+    """Run the command ``ros2`` with the arguments of this process; most commands are run by ``rosidl-py``."""
     from rosidl_py_gen import ros_cli
 
     words = sys.argv[1:]
@@ -39,7 +39,10 @@ def _daemon(words: Sequence[str]) -> int:
 
 
 def _pkg(words: Sequence[str]) -> int:
-    """Run ``ros2 pkg`` with executables, list or prefix, and return 0; raises `CommandError` for other words."""
+    """Run ``ros2 pkg`` with the words executables, list or prefix, and return 0.
+
+    Raises `CommandError` for other words.
+    """
     verb, *rest = (*words, "")
     options = {word for word in rest if word.startswith("-")}
     names = [word for word in rest if word and word not in options]
@@ -66,7 +69,10 @@ _VERBS: dict[str, Callable[[Sequence[str]], int]] = {"daemon": _daemon, "pkg": _
 
 
 def _prefixes() -> dict[str, str]:
-    """Return the prefix of each package of AMENT_PREFIX_PATH by name; of equal names, the first prefix."""
+    """Return the prefix of each package in AMENT_PREFIX_PATH by name.
+
+    If several prefixes have a package, the first of them is returned.
+    """
     found: dict[str, str] = {}
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / _PACKAGES

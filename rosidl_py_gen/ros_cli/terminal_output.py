@@ -35,12 +35,12 @@ def is_error_terminal() -> bool:
 
 
 def line(text: str = "", style: str = "") -> None:
-    """Print one line, on terminals in a style of rich such as ``"bold cyan"``; line breaks in `text` are escaped."""
+    """Print one line; on terminals in a style of rich such as ``"bold cyan"``. Line breaks in `text` are escaped."""
     _write(printable_line(text), style)
 
 
 def lines(texts: Iterable[str]) -> None:
-    """Print several lines at once; line breaks inside each text are escaped."""
+    """Print several lines of text at once; line breaks inside each line are escaped."""
     if rows := list(map(printable_line, texts)):
         _write("\n".join(rows))
 
@@ -68,7 +68,7 @@ def records(texts: Iterable[str]) -> None:
 class StatusLine:
     """Status line on standard error, if that is a terminal, below the other output of a command; a context manager.
 
-    The cursor stays visible, because a signal could not restore it. Nothing is displayed unless `is_possible`.
+    The cursor stays visible, because a signal handler could not restore it. Nothing is displayed unless `is_possible`.
     """
 
     def __init__(self) -> None:
@@ -158,7 +158,7 @@ def note_once(text: str) -> None:
 
 
 def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
-    """Print rows of a list command: their names, number or JSON. Each row has ``name`` and ``types``."""
+    """Print rows of a list command: their names, only their number, or JSON. Each row has ``name`` and ``types``."""
     if as_json:
         document(rows)
     elif count:
@@ -173,7 +173,7 @@ def document(data: Any, *, in_stream: bool = False) -> None:
 
 
 def result(texts: Iterable[str], as_json: bool, data: Any = None) -> None:
-    """Print texts, one on a line, or `data` as JSON; without `data`, the texts are a JSON list."""
+    """Print texts, one on each line, or with JSON output the value `data`; without `data`, the texts as a JSON list."""
     if as_json:
         document([*texts] if data is None else data)
     else:

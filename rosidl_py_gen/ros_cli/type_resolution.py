@@ -26,7 +26,7 @@ T = TypeVar("T")
 _DESCRIPTION_TIMEOUT_S = 10.0
 """Maximum time to wait for a node's description of an unknown type, in seconds."""
 _PRELOAD_DELAY_S = 0.02
-"""Delay before the compiler is imported while a command waits, in seconds. On a quiet network peers are found earlier;
+"""Delay in seconds before the compiler is imported while a command waits. On a quiet network peers are found earlier;
 then importing would delay the command, whose type may be generated already."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 _KINDS: dict[str, tuple[str, Any, str]] = {
@@ -34,7 +34,8 @@ _KINDS: dict[str, tuple[str, Any, str]] = {
     "service": ("srv", get_service, "resolve_service_type"),
     "action": ("action", get_action, "resolve_action_type"),
 }
-"""Kind of definition, function that returns an installed class, and method of `Node` for an announced type."""
+"""For topics, services and actions: kind of definition, function that returns an installed class, and method of `Node`
+for an announced type."""
 
 
 def require_stamp(topic: str, cls: type[Message]) -> None:
@@ -44,7 +45,10 @@ def require_stamp(topic: str, cls: type[Message]) -> None:
 
 
 async def preload_while_waiting(awaitable: Awaitable[T]) -> T:
-    """Return the result of an awaitable; if it takes over 20 ms, import the compiler in a thread meanwhile."""
+    """Return the result of an awaitable, and use the time while waiting.
+
+    If the wait takes more than 20 ms, the compiler is imported in a thread.
+    """
     loading = asyncio.get_running_loop().call_later(_PRELOAD_DELAY_S, _preload_compiler)
     try:
         return await awaitable
@@ -81,7 +85,7 @@ async def interface_class(
 
 
 def installed_class(kind: str, type_name: str, paths: Sequence[str]) -> Any:
-    """Return the class of a topic's messages, a service or an action (`kind`) by its type, without using nodes."""
+    """Return the class of a topic's messages, of a service or of an action by its type, without asking nodes."""
     return _KINDS[kind][1](type_name, path=paths)
 
 

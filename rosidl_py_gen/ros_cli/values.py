@@ -1,8 +1,8 @@
-"""Values that users write for messages and parameters: YAML or JSON, converted by the type that they are for.
+"""Values that users write for messages and parameters, as YAML or JSON.
 
-A number keeps its text until its type is known. So `1e-3`, which YAML 1.1 takes for a text, is a float where a float is
-expected, and `1.10` is the text "1.10" where a text is expected. The loader has no integers of YAML 1.1 (`12:30`,
-`010`, `1_000`): they are texts, which no integer field accepts.
+They are converted to the type that is expected. A number keeps its text until its type is known. So `1e-3`, which YAML
+1.1 takes for a text, is a float where a float is expected, and `1.10` is the text "1.10" where a text is expected. The
+loader has no integers of YAML 1.1 (`12:30`, `010`, `1_000`): they are texts, which no integer field accepts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SPECIAL = re.compile(r"([-+]?)\.?(?:(inf|infinity)|nan)\Z", re.IGNORECASE)
 
 
 class Number(str):
-    """Text of a number, as the user wrote it."""
+    """Number in a value of the user, as the text that the user wrote."""
 
     __slots__ = ()
 
@@ -60,7 +60,7 @@ def parse_value(text: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return a parsed value with each `Number` as int or float."""
+    """Return a parsed value in which each `Number` is replaced by an int or float."""
     if isinstance(value, Number):
         return value.plain()
     if isinstance(value, dict):
@@ -69,7 +69,10 @@ def plain(value: Any) -> Any:
 
 
 def as_integer(value: Any) -> Any:
-    """Return the int that a `Number` is: `3`, `3.0`, `3e2`, `0xff`. Any other value is returned unchanged."""
+    """Return the int that a `Number` represents, such as `3`, `3.0`, `3e2` or `0xff`.
+
+    Any other value is returned unchanged.
+    """
     if not isinstance(value, Number) or _SPECIAL.match(value):
         return value
     digits = value.lstrip("-+")
@@ -108,15 +111,15 @@ def as_text(value: Any) -> Any:
 
 
 def as_bool(value: Any) -> Any:
-    """Return the bool that 0 or 1 means; any other value is returned as `as_integer` returns it."""
+    """Return True or False for 1 or 0; any other value is returned as `as_integer` returns it."""
     number = as_integer(value)
     return bool(number) if type(number) is int and number in (0, 1) else number
 
 
 def fit(cls: type[Message], values: Any) -> Any:
-    """Return parsed values for a message, each number converted to the type of its field.
+    """Return parsed values for a message, in which each number is converted to the type of its field.
 
-    Values that do not fit stay as they are; `from_dict` reports them as errors.
+    Values that do not fit stay unchanged; `from_dict` reports them as errors.
     """
     if not isinstance(values, dict):
         return plain(values)
@@ -154,5 +157,8 @@ def _as_float_field(value: Any) -> Any:
 
 
 def _converted(value: Any) -> Any:
-    """Return a value for `from_dict`; a `Number` that could not be converted becomes what an error displays."""
+    """Return a value for `from_dict`.
+
+    A `Number` that could not be converted becomes the text or number that an error displays.
+    """
     return plain(value) if isinstance(value, Number | list | dict) else value

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def zenoh_router(listen: Sequence[str], connect: Sequence[str]) -> AsyncCommand:
     """Run a Zenoh router until Ctrl-C. Nodes on rmw_zenoh discover each other through it.
 
-    Each machine needs one. Its settings are those of rmw_zenohd, ZENOH_ROUTER_CONFIG_URI and ZENOH_CONFIG_OVERRIDE.
+    Each machine needs one. Settings are as for rmw_zenohd: ZENOH_ROUTER_CONFIG_URI and ZENOH_CONFIG_OVERRIDE.
     Every host that reaches it can join: see the guide for TLS and passwords.
 
     \b

@@ -1,7 +1,7 @@
-"""Internal functions of the runtime that the rclpy layer (`rosidl_py_gen/ros_compat`) uses; not a public interface.
+"""Internal functions of the runtime that the packages in `rosidl_py_gen/ros_compat` (rclpy and its companions) use.
 
-The layer may import only public names and this module. The layer has its own classes for parameters, descriptors and
-profiles, so the functions of this module have plain values as parameters.
+They are not a public interface. These packages may import only public names and this module. They have their own
+classes for parameters, descriptors and profiles, so the functions of this module have plain values as parameters.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 
 def wire_topics_of_node(node: Node, name: str, namespace: str, *, writers: bool) -> NamesAndTypes:
-    """Return all topics that a node writes or reads, topics of services included, with their names in the middleware.
+    """Return all topics that a node writes or reads, including topics of services, with their names in the middleware.
 
     Args:
-        node: node that has discovered the other one.
+        node: local node, which has discovered the other node.
         name: name of the other node.
         namespace: namespace of the other node.
         writers: return topics that the other node writes, else topics that it reads.
@@ -58,7 +58,7 @@ def start_rosout(node: Node, qos: QoSProfile) -> None:
 class ServiceEndpoints:
     """Client or server of a service, with the GIDs and QoS profiles of its reader and writer.
 
-    On Zenoh a client or server has one endpoint, which is both.
+    On Zenoh a client or server has one endpoint, which is both reader and writer.
 
     Attributes:
         service_type: ``pkg/srv/Name``, or the DDS type name of the reader if it is not a ROS type.
@@ -78,7 +78,7 @@ def service_endpoints(node: Node, service: str, *, servers: bool, has_one_endpoi
     """Return the discovered servers or clients of a service.
 
     Args:
-        node: node that has discovered them.
+        node: local node, which has discovered the endpoints.
         service: fully qualified name of the service.
         servers: return servers, else clients.
         has_one_endpoint: the middleware has one endpoint for a client or server, like Zenoh, not a reader and a writer.

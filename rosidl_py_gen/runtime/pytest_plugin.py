@@ -74,7 +74,7 @@ class RosErrors:
         return list(self.found)
 
     def _unexpected(self, *, is_over: bool = True) -> list[BaseException]:
-        """Return the unexpected exceptions since the last call of the method.
+        """Return the exceptions of callbacks since the last call of the method that the test did not expect.
 
         Args:
             is_over: the test has ended: return also an error for each expected exception that no callback raised.
@@ -160,7 +160,7 @@ def ros_loop() -> Iterator[VirtualTimeLoop]:
 
 @pytest.fixture
 def ros_domain(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTransport:
-    """New `MemoryTransport` for the contexts of a test: ``Context(transport=ros_domain)``.
+    """New `MemoryTransport` that the contexts of a test can share: ``Context(transport=ros_domain)``.
 
     The test fails if a callback fails.
     """
@@ -176,7 +176,7 @@ class _LoopStarts:
     """Hook that calls `start` as the first callback of each event loop that starts in this thread, until `close`.
 
     Loops are detected when they start, not when they are created: pytest-asyncio and anyio create their loops before
-    our fixtures, and start them for each fixture and test.
+    the fixtures of this module, and start them for each fixture and test.
     """
 
     def __init__(self, start: Callable[[asyncio.AbstractEventLoop], None]) -> None:
@@ -186,7 +186,9 @@ class _LoopStarts:
         self.watch()
 
     def watch(self) -> None:
-        """Detect starts of all classes of event loops that are imported now, or that anyio will import (uvloop)."""
+        """Make the hook detect starts of all event loop classes that are imported now, or that anyio will import
+        (uvloop).
+        """
         import asyncio
 
         kinds: list[Any] = [asyncio.BaseEventLoop]

@@ -219,13 +219,13 @@ class _Signals:
 
 
 def drain(receiver: socket.socket) -> None:
-    """Read and discard the signal numbers that Python's wakeup socket has received, if there are any."""
+    """Read and discard all signal numbers that Python has written to its wakeup socket."""
     with contextlib.suppress(BlockingIOError, InterruptedError):  # the previous iteration may have read all
         receiver.recv(4096)
 
 
 def _exit_by_signal(number: int) -> NoReturn:
-    """End the process by the default action of a signal, without waiting for its threads."""
+    """End the process by the default action of a signal, without waiting for the process's threads."""
     with contextlib.suppress(Exception):
         sys.stdout.flush()
     signal.signal(number, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""Tables: recorded messages as Arrow, Parquet and SQL, and tables as messages.
+"""Tables: recorded messages as Arrow, Parquet and SQL tables, and tables as messages.
 
 Needs the extra ``tables``; without it the import raises `ExtraMissingError`, an `ImportError` that names the command.
 """

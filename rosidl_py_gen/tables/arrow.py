@@ -23,7 +23,7 @@ def parquet() -> Any:
 def from_numpy(values: Any, kind: Any = None) -> Any:
     """Return a numpy array of numbers as an Arrow array, copied only if they are bools.
 
-    `kind` is another Arrow type of the same bytes, as which the numbers are read.
+    `kind` is the Arrow type of the result if the bytes of the numbers are to be read as another type of the same size.
     """
     array = pa.array(values)
     return array if kind is None else array.view(kind)

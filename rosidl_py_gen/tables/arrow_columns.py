@@ -1,13 +1,14 @@
-"""Columns of a message class: the tree that schema, reading and writing share, and Arrow arrays made from numpy arrays.
+"""Columns of a message class: the tree of columns that schema, reading and writing use, and Arrow arrays made from
+numpy arrays.
 
 Columns have the names of fields. `log_time` and `publish_time` are the times of the bag: a field of that name gets a
 trailing underscore, which ROS does not allow in names. The number of columns is limited, because definitions in bags
-are not trusted, and a few lines of them can mean any number of fields.
+are not trusted, and a few lines of them can define any number of fields.
 
-Nested messages are structs, sequences lists, fixed arrays lists of fixed size, `Time` and `Duration` nanoseconds. Bytes
-(``uint8[]``, ``byte[]``, ``char[]``) are binary: a list of them is eight times as large in Parquet, and no image is
-read number by number. A message without fields has the type null, as Parquet and DuckDB have no structs without fields;
-nothing else is ever null. The metadata has the ROS type, definition and QoS.
+Nested messages become structs, sequences lists, fixed arrays lists of fixed size, `Time` and `Duration` nanoseconds.
+Bytes (``uint8[]``, ``byte[]``, ``char[]``) become binary values: a list of bytes is eight times as large in Parquet,
+and no program reads an image number by number. A message without fields has the type null, as Parquet and DuckDB have
+no structs without fields; no other value is ever null. The metadata of the schema has the ROS type, definition and QoS.
 
 Functions that make arrays raise `BagError` if a column of one batch exceeds 2 GiB, the limit of Arrow's offsets.
 """
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class Kind(Enum):
-    """Kind of a single value (not of a list) in a column."""
+    """Kind of the single values in a column; for a column of lists, of the elements."""
 
     NUMBER = "number"
     STRING = "string"
@@ -143,7 +144,7 @@ def _node(field: Field, name: str) -> ColumnNode:
 
 @dataclass(frozen=True, slots=True)
 class SelectedColumn:
-    """Column of a table: its name, and the column nodes on the path to its field."""
+    """Column of a table: its name, and the columns on the path from the top of the message to its field."""
 
     name: str
     path: tuple[ColumnNode, ...]
@@ -221,7 +222,8 @@ _ELEMENT_TYPES = {
     Kind.EMPTY: pa.null(),
 }
 ColumnArrays: TypeAlias = "dict[ColumnNode, Any]"
-"""Arrow arrays by column; a struct column is missing, and `assembled` makes it from the arrays of its fields."""
+"""Arrow arrays by column. A struct column has no array of its own; `assembled` makes its array from the arrays of its
+fields."""
 _MAX_OFFSET = (1 << 31) - 1
 
 
@@ -289,7 +291,7 @@ def elements(node: ColumnNode, values: Array) -> Any:
 
 
 def times(node: ColumnNode, sec: Array, nanosec: Array) -> Any:
-    """Return seconds and nanoseconds as an Arrow array of total nanoseconds; `nanosec` may exceed 10**9."""
+    """Return seconds and nanoseconds as an Arrow array of nanoseconds in total; `nanosec` may exceed 10**9."""
     return from_numpy(sec.astype(np.int64) * NS_PER_S + nanosec, element_type(node))
 
 
@@ -333,7 +335,10 @@ def texts(node: ColumnNode, sizes: Array, octets: Any) -> Any:
 
 
 def assembled(node: ColumnNode, arrays: Mapping[ColumnNode, Any], count: int) -> Any:
-    """Return the Arrow array of a column or of list elements; a struct is made from the arrays of its fields."""
+    """Return the Arrow array of a column, or of the elements of its lists.
+
+    The array of a struct is made from the arrays of its fields.
+    """
     if (array := arrays.get(node)) is not None:
         return array
     return struct(node, [assembled(child, arrays, count) for child in node.children])

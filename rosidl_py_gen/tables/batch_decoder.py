@@ -1,14 +1,14 @@
-"""Decoder for many messages of one class at once: numpy runs each step of the class's program for all of them.
+"""Decoder for many messages of one class at once, which applies numpy to all messages together.
 
-A step reads one field of variable size, or a run of all fixed-size fields between two such fields. Nested messages are
-read inline, as CDR has no boundary there (docs/internals/protocol.md 2.2).
+The fields of a class are divided into steps. A step reads one field of variable size, or all fixed-size fields between
+two such fields. Nested messages are read inline, as CDR has no boundary there (docs/internals/protocol.md 2.2).
 
 A cursor has a position in every message, and a step moves all positions. Anything unexpected in one message raises
 `BatchUnsupportedError`; the messages are then decoded one by one, which names the wrong byte. Valid but unusual data,
 such as big-endian messages, may raise it too.
 
-Positions are offsets into the data of all messages. Each message begins at a multiple of 8, so that alignment counts
-from offset 4 as in a single message.
+Positions are offsets into the joined data of all messages. Each message begins at a multiple of 8, so that alignment
+counts from offset 4 as in a single message.
 """
 
 from __future__ import annotations
@@ -53,22 +53,26 @@ if TYPE_CHECKING:
 _TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 _BYTE = np.dtype("u1")
 _WORD_SHIFT = COUNT_BYTES.bit_length() - 1
-"""Number of bits to shift a byte offset by for an index of 4-byte words; dividing int64 arrays is much slower."""
+"""Number of bits by which a byte offset is shifted to get the index of its 4-byte word; a division of int64 arrays is
+much slower."""
 _SHORT_RANGE_BYTES = 24
-"""Maximum average size of byte ranges that are gathered byte by byte."""
+"""Maximum average size in bytes of ranges that are collected from the data byte by byte, with an array of indices."""
 _MAX_SEQUENTIAL_ELEMENTS = 8
-"""Maximum number of elements of varying size in lists that are parsed element by element even if there are few lists.
-"""
+"""Maximum length of lists with elements of varying size that are decoded although there are few such lists; with longer
+lists the messages are decoded one by one."""
 _MIN_PARALLEL_LISTS = 32
-"""Minimum average number of lists to parse longer lists element by element, all lists at once."""
+"""Minimum average number of lists for decoding longer lists: the n-th elements of all lists are then parsed together.
+"""
 
 
 class BatchUnsupportedError(RosidlError):
-    """Error of a batch that cannot be decoded at once; the caller decodes its messages one by one."""
+    """Error of messages that cannot be decoded together; the caller decodes them one by one."""
 
 
 class BatchCursor:
-    """Positions `pos` in several messages, or in several elements of messages, each with the end `limit`."""
+    """Read positions `pos` in several messages, or in several elements of messages, each with the end `limit` of its
+    data.
+    """
 
     __slots__ = ("data", "limit", "octets", "pos", "words")
 
@@ -87,9 +91,10 @@ class BatchCursor:
         return cursor
 
     def take(self, size: Ints | int, align: int) -> Ints:
-        """Align all positions, move them by `size` bytes, and return the aligned positions, where the bytes begin.
+        """Align all positions, return them, and move the cursor by `size` bytes.
 
-        Raises `BatchUnsupportedError` if a position exceeds its limit.
+        The returned positions are the offsets of the `size` bytes. Raises `BatchUnsupportedError` if a position exceeds
+        its limit.
         """
         start: Ints = align_offset(self.pos, align) if align > 1 else self.pos
         self.pos = start + size
@@ -98,13 +103,16 @@ class BatchCursor:
         return start
 
     def counts(self) -> Ints:
-        """Return the unsigned 4-byte number at each position, and move all positions after it."""
+        """Return the unsigned 4-byte number at each position, and move each position to the byte after its number."""
         counts: Ints = self.words[self.take(COUNT_BYTES, COUNT_BYTES) >> _WORD_SHIFT].astype(np.int64)
         return counts
 
 
 def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
-    """Return a cursor after the header of each message; raises `BatchUnsupportedError` for an unusual header."""
+    """Join encoded messages, and return a cursor with the position after the header of each message.
+
+    Raises `BatchUnsupportedError` for an unusual header.
+    """
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     if len(messages) == 1:
         data: bytes | memoryview = messages[0]
@@ -122,9 +130,9 @@ def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
 
 
 def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor:
-    """Return a cursor after the header of each message in `data`; the messages start at multiples of 8.
+    """Return a cursor with the position after the header of each message in `data`.
 
-    Raises `BatchUnsupportedError` for an unsupported header.
+    The messages start at multiples of 8. Raises `BatchUnsupportedError` for an unsupported header.
     """
     if (sizes < HEADER_BYTES).any():
         raise BatchUnsupportedError
@@ -135,7 +143,8 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
 
 
 def run(cursor: BatchCursor, program: Program, selected: Selected) -> ColumnArrays:
-    """Run the steps of a program on all messages of a cursor, and return the Arrow columns of the selected nodes.
+    """Decode all messages of a cursor with the steps of their class, and return the Arrow columns of the selected
+    fields.
 
     Raises `BatchUnsupportedError` if the data is invalid or unusual, `BagError` if a column is too large for Arrow.
     """
@@ -150,7 +159,7 @@ def run(cursor: BatchCursor, program: Program, selected: Selected) -> ColumnArra
 
 @dataclass(frozen=True, slots=True)
 class RunField:
-    """Field of fixed size in a run: its column, numpy type, alignment and number of values."""
+    """Field of fixed size that a `FixedRun` reads: its column, numpy type, alignment and number of values."""
 
     node: ColumnNode
     dtype: np.dtype[Any]
@@ -160,13 +169,15 @@ class RunField:
 
 @dataclass(frozen=True, slots=True)
 class FixedRun:
-    """Step that reads a run of fields of fixed size."""
+    """Decoding step that reads consecutive fields of fixed size."""
 
     fields: tuple[RunField, ...]
     layouts: dict[int, np.dtype[np.void]] = field(default_factory=dict)
 
     def layout(self, position: int) -> np.dtype[np.void]:
-        """Return the numpy type of the run if it starts at `position` modulo 8, where its first value is aligned."""
+        """Return the numpy type of the consecutive fields if they start at `position` modulo 8, where the first value
+        is aligned.
+        """
         if position not in self.layouts:
             offsets, end = [], position
             for one in self.fields:
@@ -209,7 +220,7 @@ class FixedRun:
 
 @dataclass(frozen=True, slots=True)
 class StringField:
-    """Step that reads a string or wstring; inside of a list, `node` is the column of the list."""
+    """Decoding step that reads a string or wstring; inside of a list, `node` is the column of the list."""
 
     node: ColumnNode
 
@@ -239,7 +250,7 @@ class StringField:
 
 @dataclass(frozen=True, slots=True)
 class NumberSequence:
-    """Step that reads a sequence of values without gaps: numbers, times, messages without fields."""
+    """Decoding step that reads a sequence whose elements have no padding: numbers, times, messages without fields."""
 
     node: ColumnNode
     dtype: np.dtype[Any]
@@ -258,7 +269,7 @@ class NumberSequence:
 
 @dataclass(frozen=True, slots=True)
 class FixedMessageSequence:
-    """Step that reads an array or sequence of messages of fixed size."""
+    """Decoding step that reads an array or sequence of messages of fixed size."""
 
     node: ColumnNode
     codec: StructuredCodec
@@ -290,7 +301,7 @@ class FixedMessageSequence:
 
 @dataclass(frozen=True, slots=True)
 class VariableSequence:
-    """Step that reads an array or sequence of strings, or of messages that vary in size."""
+    """Decoding step that reads an array or sequence of strings, or of messages that vary in size."""
 
     node: ColumnNode
     steps: tuple[ReadStep, ...]
@@ -325,14 +336,14 @@ def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
 
 
 def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void]:
-    """Return `size` bytes from each start position; all bytes must be within the data."""
+    """Return the `size` bytes at each start position; all bytes must be within the data."""
     count = max(0, len(cursor.data) - size + 1)
     windows: NDArray[np.void] = np.ndarray((count,), f"V{size}", cursor.data if count else None, 0, (1,))
     return windows[start]
 
 
 def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.uint8]:
-    """Return the joined bytes of several ranges of the cursor's data; all ranges must be within the data."""
+    """Return the bytes of several ranges of the cursor's data, joined; all ranges must be within the data."""
     total, count = int(size.sum()), len(size)
     if not total:
         return np.empty(0, np.uint8)
@@ -359,7 +370,7 @@ def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
 
 
 def _element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints:
-    """Return the start positions of all elements of the lists, and move the cursor after the last element of each."""
+    """Return the start positions of all elements of the lists, and move the cursor to the end of each list."""
     total, longest = int(counts.sum()), int(counts.max(initial=0))
     if longest > 2:
         uniform = _uniform_element_starts(cursor, steps, counts)
@@ -386,11 +397,11 @@ def _end_positions(cursor: BatchCursor, steps: Program, pos: Ints, limit: Ints) 
 
 
 def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints | None:
-    """Return the starts of all elements if they have equal lengths in each list, except for the first; else None.
+    """Return the starts of all elements if all elements of a list, except for the first, have the same length.
 
-    The first two elements of every list are parsed, the starts of all others follow by arithmetic, and then all
-    elements of all lists are parsed in one vectorized pass. The guess is right if each element ends where the next one
-    starts.
+    Returns None otherwise. The first two elements of every list are parsed, the starts of all others follow by
+    arithmetic, and then all elements of all lists are parsed in one vectorized pass. The guess is right if each element
+    ends where the next one starts.
     """
     rows = np.flatnonzero(counts)
     limit, each = cursor.limit[rows], counts[rows]
@@ -423,7 +434,10 @@ def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -
 
 @cached_per_class
 def read_program_for(cls: type[Any]) -> tuple[ReadStep, ...] | None:
-    """Return the steps that decode many messages of a class at once; None if messages must be decoded one by one."""
+    """Return the steps that decode many messages of a class together.
+
+    Returns None if such messages must be decoded one by one.
+    """
     try:
         program = tuple(_merge_runs(_steps(nodes_of(cls))))
         for step in program:

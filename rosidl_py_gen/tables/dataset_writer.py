@@ -41,9 +41,9 @@ LARGE_TYPES = {
 _MAX_FILE_NAME = 255
 """Maximum characters of a file name in Linux, macOS and Windows."""
 BATCH_BYTES = 1 << 20
-"""Bytes of a topic's waiting messages from which they are converted to columns."""
+"""Size in bytes of a topic's collected messages at which they are converted to columns."""
 MAX_WAITING_BYTES = 1 << 25
-"""Maximum bytes of the data of all topics that waits for its row group."""
+"""Maximum bytes of data of all topics together that is in memory before it is written as row groups."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ def bag_name(name: str) -> str:
 
 
 class _File:
-    """File of a dataset, with the data that waits to be written to it."""
+    """File of a dataset that is being written, with the data that is collected for its next row group."""
 
     def __init__(self, path: str, channel: BagTopic, builder: BatchBuilder, batch_bytes: int) -> None:
         self.path, self.channel, self.builder = path, channel, builder
@@ -177,11 +177,11 @@ class _File:
 
 
 class StagedDataset:
-    """Files of a bag, or of a part of it, that become visible in a dataset by `commit`; a context manager.
+    """Files of a bag, or of a slice of a bag, that become visible in a dataset together by `commit`; a context manager.
 
     Args:
         overwrite: True to replace existing files, or a function that returns True for a place to replace.
-        suffix: end of the names of files, for one of several parts of a bag.
+        suffix: end of the names of files, for one of several slices of a bag.
         folder_of: function that returns the name of the folder of a topic, without ``topic=``.
         metadata_of: function that returns additional metadata of each file, by the number of files.
 
@@ -241,7 +241,7 @@ class StagedDataset:
         self._by_key[channel.key] = same or _File(path, channel, builder, min(BATCH_BYTES, self._row_group_bytes))
 
     def _add_messages(self, message: Any) -> int:
-        """Add a message, or a block of messages, to its file; return the number of messages."""
+        """Add a message, or a block of messages, to the dataset file of its topic; return the number of messages."""
         file = self._by_key.get(message[0].info.key)
         if file is None:
             return 0

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PARTIAL = ".partial"
 _COLONS = "\ue000\ue001"
-"""Replacement of ``::`` in a path while fsspec parses the URL, as it would split the URL there."""
+"""Text that replaces ``::`` in a path while fsspec parses the URL, because fsspec would split the URL there."""
 _BLOCK_BYTES = 1 << 23
 """Number of bytes that are sent at once to a remote file."""
 
@@ -47,7 +47,7 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
 
 
 def joined(place: str, *parts: str) -> str:
-    """Return the local path or URL of `parts` below the folder or URL `place`."""
+    """Return the local path or URL of the file or folder `parts` below the folder or URL `place`."""
     return "/".join((place.rstrip("/") or "/", *parts)) if is_url(place) else os.path.join(place, *parts)
 
 

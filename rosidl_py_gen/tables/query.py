@@ -1,6 +1,6 @@
-"""SQL over bags and datasets, by DuckDB: topics are tables with the columns of `BagReader.table`.
+"""SQL queries over bags and datasets with DuckDB, in which topics are tables with the columns of `BagReader.table`.
 
-The topics of bags that a query names are written as a Parquet dataset to a temporary folder: DuckDB reads the parts
+The topics of bags that a query names are written as a Parquet dataset to a temporary folder: DuckDB reads only the data
 that the query needs, several times if necessary, in bounded memory. Tables have the names of topics, ``"/imu"``, also
 without the first slash, and an additional column ``bag``.
 """
@@ -44,7 +44,8 @@ _NOT_A_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
 MEMORY_LIMIT = "1GB"
 """Default memory limit of DuckDB, which would otherwise use 80 % of the machine's memory."""
 _SCHEMA = "topics"
-"""DuckDB schema of the tables. DuckDB's default schema has views, which a topic of the same name could not replace."""
+"""DuckDB schema that contains the tables. The default schema has views, which the table of a topic with the same name
+could not replace."""
 _ROWS_PER_FETCH = 1000
 
 
@@ -58,7 +59,10 @@ def is_dataset(place: str) -> bool:
 
 
 def topics_in(query: str, topics: Sequence[str]) -> list[str]:
-    """Return the topics that a query may name: first those in the same case, as SQL ignores case."""
+    """Return the topics that a query may name.
+
+    As SQL ignores case, all spellings match, and topics in the same case come first.
+    """
     if _SHOW_TABLES.fullmatch(query):
         return []
     words = {one.replace('""', '"') or two.replace("''", "'") for one, two in _QUOTED_NAME.findall(query)}
@@ -103,8 +107,8 @@ class Database:
     ) -> dict[str, str]:
         """Add the topics that a query names as tables, from bags by name and from datasets.
 
-        Returns the topics that were skipped, each with the reason. Raises `BagError` if the query cannot be parsed, and
-        otherwise as `write_dataset`.
+        Returns the topics that were skipped, each with the reason. Raises `BagError` if the query cannot be parsed;
+        other errors are as for `write_dataset`.
         """
         files = [entry for place in datasets for entry in self._dataset_files(place)]
         topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])
@@ -133,7 +137,7 @@ class Database:
         return skipped
 
     def _folder_of(self, topic: str) -> str:
-        """Return the number that names a topic's folder, as the topic may be too long for a file name."""
+        """Return the number that is the name of a topic's folder, because the topic may be too long for a file name."""
         return str([*self._known].index(topic))
 
     def _dataset_files(self, place: str) -> list[tuple[str, str]]:
@@ -230,7 +234,10 @@ class Result:
         _call(lambda: relation.create_view(self._name.strip('"')))
 
     def rows(self) -> Iterator[list[str]]:
-        """Yield rows as texts in DuckDB's format, with "" for null; raises `BagError` if DuckDB reports an error."""
+        """Yield rows of a query result as texts in DuckDB's format, with "" for null.
+
+        Raises `BagError` if DuckDB reports an error.
+        """
         for row in self._fetch("columns(*)::varchar"):
             yield ["" if one is None else one for one in row]
 
@@ -274,7 +281,7 @@ class Result:
 
 
 def _call(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
-    """Return the result of a DuckDB call; raise errors of DuckDB as `BagError`.
+    """Call a function of DuckDB and return its result; errors of DuckDB become `BagError`.
 
     If a table is missing, the error names the known topics.
     """
@@ -295,7 +302,7 @@ def _call(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
 
 
 def _csv(value: str | None) -> str:
-    """Return a value as a CSV cell as DuckDB writes it: null is empty, an empty text quoted."""
+    """Return a value as DuckDB writes it to a CSV file: null is empty, an empty text is quoted."""
     if value is None:
         return ""
     needs_quotes = not value or any(sign in value for sign in ',"\n\r')

@@ -1,10 +1,11 @@
 """Conversion of the messages of a topic to Arrow record batches.
 
 A batch ends when its messages reach `batch_bytes`, which bounds memory for all kinds of messages. Its messages are
-decoded at once by `batch_decoder`. If that is not possible, the reader decodes them one by one, and names or skips
-wrong ones; this is done in small portions, as objects need many times the memory of their bytes.
+decoded together by `batch_decoder`. If that is not possible, they are decoded one by one, and wrong messages are named
+or skipped. This is done in small portions, as message objects need many times the memory of their bytes.
 
-Messages that wait for a full batch are copied if they are a small part of their chunk, which they would keep in memory.
+A message that waits for a full batch and is a small slice of its chunk is copied, because it would otherwise keep the
+chunk in memory.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ MAX_ROWS = 1 << 16
 _PORTION_BYTES = 1 << 18
 _MAX_TIME_NS = (1 << 63) - 1
 _MAX_RATIO = 4
-"""Ratio of a chunk's size to a waiting message's size above which the message is copied out of the chunk."""
+"""Ratio of a chunk's size to a message's size above which a message that waits for a full batch is copied out of the
+chunk."""
 
 
 class BatchBuilder:
@@ -81,7 +83,9 @@ class BatchBuilder:
         self._selected_nodes = {node for column in self._columns for node in _with_descendants(column.node)}
 
     def batches(self, messages: _MessageList | _MessageBlocks) -> Iterator[Any]:
-        """Yield messages as one record batch, or as several small batches if they must be decoded one by one."""
+        """Yield messages as one record batch, or as several small batches if the messages cannot be decoded
+        together.
+        """
         try:
             yield self._at_once(messages)
         except BatchUnsupportedError:
@@ -199,7 +203,7 @@ class BatchBuffer:
     def take(self, message: RawTuple | MessageBlock, by_key: dict[tuple[str, ...], BatchBuilder]) -> Batches:
         """Add a message or a block of messages, and yield full batches, each with the builder for its definition.
 
-        `by_key` has the builders by the key of a channel; messages of other channels are ignored.
+        `by_key` has the builders by channel key (topic and definition); messages of other channels are ignored.
         """
         if message[0] is not self._channel:
             builder = by_key.get(message[0].info.key)
@@ -222,7 +226,7 @@ class BatchBuffer:
             yield from self.flush()
 
     def flush(self) -> Batches:
-        """Yield the messages that wait as one batch, with the builder for its definition."""
+        """Yield the collected messages as one batch, with the builder for their definition."""
         if self._messages:
             assert self._builder is not None
             messages, self._messages, self._size, self._rows = self._messages, [], 0, 0
@@ -234,7 +238,7 @@ class BatchBuffer:
 
 
 class _MessageList:
-    """Messages of a batch as a list."""
+    """Messages of a batch, stored as a list."""
 
     def __init__(self, messages: list[RawTuple]) -> None:
         self._messages = messages
@@ -255,7 +259,7 @@ class _MessageList:
 
 
 class _MessageBlocks:
-    """Messages of a batch as blocks of one channel."""
+    """Messages of a batch, stored as blocks of messages of one channel."""
 
     def __init__(self, blocks: list[MessageBlock]) -> None:
         self._blocks = blocks
@@ -290,7 +294,10 @@ class _MessageBlocks:
 
 
 def _rows(block: MessageBlock, size: int) -> Any:
-    """Return the bytes of messages of equal size as rows: a view if the messages have equal distances, else a copy."""
+    """Return the bytes of equally long messages as a two-dimensional array with one message in each row.
+
+    The array shares memory with the data if the messages have equal distances, else it is a copy.
+    """
     begin, count = block.begin, len(block.begin)
     step = int(begin[1] - begin[0]) if count > 1 else size
     if step >= size and (count < 3 or (np.diff(begin) == step).all()):
@@ -306,7 +313,10 @@ def _slices(block: MessageBlock) -> list[bytes | memoryview]:
 
 
 def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[MessageBlock]:
-    """Return blocks with at most `max_rows` messages and `max_bytes` bytes; a single larger message is a block, too."""
+    """Return a block of messages divided into blocks with at most `max_rows` messages and `max_bytes` bytes.
+
+    A single message that is larger is a block by itself.
+    """
     ends = np.cumsum(block.size)
     if len(ends) <= max_rows and ends[-1] <= max_bytes:
         return [block]
@@ -319,14 +329,18 @@ def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[Mes
 
 
 def _detach_block(block: MessageBlock) -> MessageBlock:
-    """Return the block, with its messages copied if they are a small part of their chunk."""
+    """Return the block of messages, or a copy if its messages are a small fraction of their chunk, so that the chunk
+    can be freed.
+    """
     if len(block.data) <= _MAX_RATIO * int(block.size.sum()):
         return block
     return block._replace(data=b"".join(_slices(block)), begin=np.cumsum(block.size) - block.size)
 
 
 def _detach_message(message: RawTuple) -> RawTuple:
-    """Return the message, with its bytes copied if they are a view of a much larger chunk."""
+    """Return the message, or a copy if its bytes are a small fraction of a chunk in memory, so that the chunk can be
+    freed.
+    """
     data = message[1]
     if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]
         return message[0], bytes(data), *message[2:]
@@ -337,7 +351,7 @@ def _detach_message(message: RawTuple) -> RawTuple:
 
 
 def column(selected: SelectedColumn, messages: Sequence[Any]) -> Any:
-    """Return a selected column of decoded messages as an Arrow array."""
+    """Return the Arrow array of one selected column for a list of decoded messages."""
     for node in selected.path:
         messages = _field_values(node, messages)
     return _column(selected.node, messages)

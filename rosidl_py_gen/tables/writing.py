@@ -1,10 +1,11 @@
-"""Conversion of tables to messages; a table is any object with ``__arrow_c_stream__``, as of polars, pandas and DuckDB.
+"""Conversion of tables to messages.
 
-Columns are matched by name, nested ones in structs or as ``header.stamp``; lists, texts and bytes may have any layout
-of Arrow, times any unit or integers of nanoseconds. Fields without a column have the default of their definition.
-Nothing is guessed: a null, an unknown column and a value that does not fit are errors with the column's name. Values
-are read and compared, never cast: casts of Arrow parse texts as numbers, make values that do not fit infinite, and lose
-elements of list views.
+A table is any object with ``__arrow_c_stream__``, such as a table of polars, pandas or DuckDB. Columns are matched with
+fields by name. Columns of nested messages are structs, or have names such as ``header.stamp``. Lists, texts and bytes
+may have any layout of Arrow; times may have any unit, or be integers of nanoseconds. Fields without a column have the
+default of their definition. A null, an unknown column, and a value that does not fit are errors with the column's name.
+Values are read and compared, never cast: casts of Arrow parse texts as numbers, make values that do not fit infinite,
+and lose elements of list views.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.arrow_columns import ColumnNode
 
 Tree: TypeAlias = "dict[str, Any]"
-"""Arrow arrays by column name; a column nested by dots in names is a tree of its own."""
+"""Arrow arrays by column name. If column names have dots, the columns below a name are a tree of the same kind."""
 _MAX_NAME = 1000
 _PORTION_ROWS = 4096
 """Number of table rows that are converted to messages at a time."""
@@ -126,7 +127,10 @@ def _times(name: str, column: Any) -> list[int]:
 
 
 def _insert(tree: Tree, name: str, column: Any) -> None:
-    """Insert a column into the tree under its name, in which dots separate levels; raises `BagError` if it is taken."""
+    """Insert a column into the tree of columns at the place that its name states, in which dots separate levels.
+
+    Raises `BagError` if another column is at this place.
+    """
     *parents, last = name.split(".")
     node = tree
     for parent in parents:
@@ -222,7 +226,8 @@ def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
 
 
 def _plain(column: Any) -> Any:
-    """Return an Arrow array as a plain one: without dictionaries, run ends, extension types and string views.
+    """Return an Arrow array with the same values in plain encoding: without dictionaries, run ends, extension types and
+    string views.
 
     List views stay, as `_lists` reads them.
     """
@@ -372,10 +377,12 @@ def _nanoseconds(column: Any, path: str, time_kind: Kind) -> NDArray[np.int64]:
 
 
 def _is_empty_null(column: Any) -> bool:
-    """Return True for the typeless array of the elements of lists that are all empty."""
+    """Return True for an Arrow array without type and length, which is the array of elements if all lists of a column
+    are empty.
+    """
     return pa.types.is_null(column.type) and not len(column)
 
 
 def _short_text(value: object) -> str:
-    """Return the text of a name, type or value for an error, printable and of bounded length."""
+    """Return a name, type or value as text for an error: printable, and cut to a maximum length."""
     return printable(str(value), _MAX_TEXT)

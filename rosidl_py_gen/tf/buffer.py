@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 _DEPTH = 100
 _UNLIMITED_QUEUE = 1 << 31
-"""Maximum number of concurrent calls of a subscription's callback, practically unlimited: an async callback of a filter
-may wait for a transform of a later message."""
+"""Maximum number of concurrent calls of a subscription's callback, so large that it never limits: an async callback of
+a filter may wait for a transform of a later message."""
 T = TypeVar("T")
 
 
@@ -213,7 +213,7 @@ class TransformBuffer:
     wait_and_transform_sync = blocking(wait_and_transform)
 
     def can_transform(self, target: str, source: str, time: Any = None) -> bool:
-        """Return True if `lookup_transform` with these arguments returns a transform and raises no error."""
+        """Return True if `lookup_transform` with the same arguments would return a transform and not raise an error."""
         try:
             self.lookup_transform(target, source, time)
         except (TransformError, InvalidTransformError):
@@ -254,7 +254,7 @@ class TransformBuffer:
     wait_for_transform_sync = blocking(wait_for_transform)
 
     def frames(self) -> dict[str, FrameInfo]:
-        """Return all known frames by name, each with parent, times and number of its transforms."""
+        """Return information about all known frames by name: parent, time range and number of transforms."""
         self._receive()
         with self._lock:
             return self._tree.frames()
@@ -271,7 +271,10 @@ class TransformBroadcaster:
         self._publisher = node.create_publisher(self._cls, "/tf", _DEPTH)
 
     def send(self, transforms: Any) -> None:
-        """Publish one or several TransformStamped messages or `Transform` objects; raise `EncodeError` for others."""
+        """Publish one or several TransformStamped messages or `Transform` objects.
+
+        Raises `EncodeError` for other values.
+        """
         self._publisher.publish(self._cls(transforms=_to_messages(transforms)))
 
 

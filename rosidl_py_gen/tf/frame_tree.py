@@ -1,4 +1,4 @@
-"""Tree of frames with their transforms over time, without a node and without waiting.
+"""Tree of frames with their transforms over time. It needs no node, and no lookup waits.
 
 The rules are the same as in tf2's ``BufferCore``: validity and age of transforms, interpolation, and the kind of error.
 Times are nanoseconds; a lookup at 0 means the latest common time.
@@ -37,9 +37,9 @@ _TOLERANCE = 10e-3
 _MAX_NAME = 100
 """Maximum characters of a frame's name in error texts; peers choose these names."""
 _MAX_REFUSED = 2
-"""Number of consecutive transforms with rising stamps that a frame refuses as too old; the next one replaces all newer
-transforms. tf2 refuses all of them until it is cleared: one stamp far in the future would block the frame for ever. A
-larger number blocks the frame longer; with a smaller one a late packet could replace correct transforms."""
+"""Number of consecutive transforms with rising stamps that a frame refuses as too old; the next transform replaces all
+newer ones. tf2 refuses such transforms until it is cleared, so one stamp far in the future would block the frame for
+ever. A larger number blocks the frame longer; with a smaller one a late packet could replace correct transforms."""
 
 
 class TransformError(RosidlError, LookupError):
@@ -47,15 +47,23 @@ class TransformError(RosidlError, LookupError):
 
 
 class UnknownFrameError(TransformError):
-    """Error of a frame that no transform names, or of frames that form a loop; tf2's LookupException."""
+    """Error of a lookup with a frame that no transform names, or of frames that form a loop.
+
+    The counterpart of tf2's LookupException.
+    """
 
 
 class ConnectivityError(TransformError):
-    """Error of two frames in different trees; tf2's ConnectivityException."""
+    """Error of a lookup between two frames that no chain of transforms connects.
+
+    The counterpart of tf2's ConnectivityException.
+    """
 
 
 class ExtrapolationError(TransformError):
-    """Error of connected frames whose transform is not known at the requested time; tf2's ExtrapolationException.
+    """Error of a lookup between connected frames at a time without data.
+
+    The counterpart of tf2's ExtrapolationException.
 
     Attributes:
         frame: child frame of the transform that has no data at that time.
@@ -81,7 +89,7 @@ class InvalidTransformError(RosidlError, ValueError):
 
 
 class Link(NamedTuple):
-    """Transform of a child frame in its parent frame at one time."""
+    """Transform of a child frame relative to its parent frame at one time."""
 
     parent: str
     translation: Vector
@@ -140,7 +148,9 @@ class Frame:
         return True
 
     def at(self, time: int) -> Link:
-        """Return the transform of the frame at a time, interpolated if necessary; 0 means the latest transform.
+        """Return the transform of the frame at a time in nanoseconds, interpolated if necessary.
+
+        Time 0 means the latest transform.
 
         Raises:
             NoDataError: the time is outside of the known times.
@@ -272,8 +282,8 @@ class FrameTree:
     def _lookup(self, target: str, source: str, time: int) -> tuple[Vector, Quaternion]:
         """Return translation and rotation of the transform from `source` to `target` at a time.
 
-        The first walk leads from the source to the root, the second from the target until it reaches the end of the
-        first. Both walks share the part above their common ancestor, so it cancels.
+        The first walk leads from the source to the root of the tree. The second walk leads from the target up to the
+        frame where the first walk ended. Transforms above the common ancestor are in both walks, so they cancel.
         """
         up, down = _TransformChain(source), _TransformChain(target)
         missing: NoDataError | None = None
@@ -295,7 +305,7 @@ class FrameTree:
         return rotate(back, subtract(up.translation, down.translation)), product(back, up.rotation)
 
     def _link(self, walk: _TransformChain, time: int) -> Link | None:
-        """Return the transform of a walk's current frame in its parent; None if the frame is a root.
+        """Return the transform of a frame relative to its parent on the way to the root; None if the frame is a root.
 
         Raises `NoDataError` for a frame without transform at `time`, `UnknownFrameError` for a loop.
         """
@@ -305,7 +315,10 @@ class FrameTree:
         return None if cache is None else cache.at(time)
 
     def _without_data(self, target: str, source: str, time: int) -> ExtrapolationError:
-        """Return the error for two frames without transform at a time; it names the first frame without data."""
+        """Return the error for a lookup between two frames that fails at a time.
+
+        It names the first frame without a transform.
+        """
         up, down = list(self._near(source, time)), list(self._near(target, time))
         shared = {frame for frame, _ in up} & {frame for frame, _ in down}
         between = [one for one in (*up, *down) if one[0] not in shared] if shared else [*up, *down]
@@ -323,7 +336,9 @@ class FrameTree:
         return ExtrapolationError(text, frame=frame, direction=direction)
 
     def _near(self, frame: str, time: int) -> Iterator[tuple[str, str]]:
-        """Yield each frame from `frame` to the root, with its parent at `time` or at the nearest known time."""
+        """Yield each frame from `frame` up to the root of the tree, each with its parent at `time`, or else at the
+        nearest known time.
+        """
         for _ in range(len(self._frames) + 1):
             cache = self._frames.get(frame)
             if cache is not None and cache.lacks(time):
@@ -368,7 +383,9 @@ class FrameTree:
         raise self._connectivity_error(target, source)
 
     def _ancestors(self, frame: str, end: str) -> Iterator[tuple[int, str]]:
-        """Yield the newest stamp and the parent of `frame` and each frame above it, up to `end` or the root."""
+        """Yield the newest stamp and the parent of `frame` and of each frame above it, up to the frame `end` or the
+        root.
+        """
         start = frame
         for _ in range(len(self._frames) + 1):
             cache = self._frames.get(frame)
@@ -384,7 +401,7 @@ class FrameTree:
 
 
 class _TransformChain:
-    """Accumulated transform of a walk from a frame towards the root."""
+    """Product of the transforms on the way from a frame towards the root of the tree."""
 
     def __init__(self, frame: str) -> None:
         self.frame = frame
@@ -409,9 +426,9 @@ def _earliest_nonzero(stamps: Any) -> int:
 
 
 def _checked(child: str, link: Link) -> Quaternion:
-    """Return the normalized rotation of a transform.
+    """Check the frames and values of a transform, and return its rotation scaled to length 1.
 
-    Raises `InvalidTransformError` if the frames or values of the transform are not valid.
+    Raises `InvalidTransformError` if they are not valid.
     """
     name = _quoted(child)
     if not child or not link.parent:

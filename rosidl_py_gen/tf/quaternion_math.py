@@ -15,7 +15,7 @@ ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation that applies first `b`, then `a`."""
+    """Return the rotation that applies first `b`, then `a`; both are quaternions."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (

@@ -1,7 +1,7 @@
-"""Transform between two frames, which applies to arrays of points and to messages.
+"""Transform between two frames, which can be applied to arrays of points and to messages.
 
-A transformed message is a copy with other positions and directions; as in tf2, it has the frame and the time of the
-transform. The name of its class selects the function, so classes of any library work.
+A transformed message is a copy with other positions and directions. As in tf2, the copy has the frame and the time of
+the transform. The name of the message's class selects the function, so classes of any library can be transformed.
 """
 
 from __future__ import annotations
@@ -112,9 +112,9 @@ class Transform:
         return Transform(self.source, self.target, self.stamp, moved, rotation)
 
     def __matmul__(self, first: Transform) -> Transform:
-        """Return the transform that applies first `first`, then this one; raises `ConversionError` if they do not join.
+        """Return the transform that applies first `first`, then this transform.
 
-        The target of `first` must be the source of this transform.
+        The target of `first` must be the source of this transform, else `ConversionError` is raised.
         """
         if self.source != first.target:
             raise ConversionError(f'cannot join: "{first.source}" to "{first.target}", then "{self.source}"')
@@ -140,7 +140,10 @@ class Transform:
 
 
 def frame_and_stamp(message: Any) -> tuple[str, int]:
-    """Return frame, without leading slash, and stamp of a message's header; raise `ConversionError` if missing."""
+    """Return the frame of a message's header, without leading slash, and its stamp.
+
+    Raises `ConversionError` without a header.
+    """
     stamp = header_stamp(message)
     frame = getattr(getattr(message, "header", None), "frame_id", None)
     if stamp is None or not isinstance(frame, str):
@@ -230,5 +233,5 @@ _FIELDS: dict[str, tuple[str, Callable[[Transform, Any], Any]]] = {
     "PoseArray": ("poses", _poses),
     "PolygonStamped": ("polygon", _polygon),
 }
-"""Fields that a transform changes, by message class: the field's name, and the function that returns its transformed
-value."""
+"""Fields that a transform changes, by message class. Each has the field's name and the function that returns the
+transformed value."""

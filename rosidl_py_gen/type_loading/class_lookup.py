@@ -42,14 +42,14 @@ T = TypeVar("T")
 SearchFolders: TypeAlias = "Sequence[str | os.PathLike[str]] | str | os.PathLike[str]"
 HashPredicate: TypeAlias = "Callable[[Mapping[str, str]], bool]"
 ClassFinder: TypeAlias = "Callable[[InterfaceRegistry, RosName], type | None]"
-"""Function that returns the existing class of a checked type, or None."""
+"""Function that returns the existing class of a type whose definition was checked; None if there is none."""
 
 _MEMORY = "rosidl_py_gen_memory"
-"""Name of the package in `sys.modules` for classes that are compiled in memory."""
+"""Name of the package in `sys.modules` that contains the modules of classes that were compiled in memory."""
 _lock = threading.RLock()
 """Lock of all caches of loaded classes and registries in this module."""
 _loaded: dict[str, list[type]] = {}
-"""Loaded classes by full type name, one for each different definition."""
+"""Loaded classes by full type name; a name has a class for each different definition."""
 _by_name: dict[tuple[str, tuple[str, ...], DistributionChoice], type] = {}
 _registries: dict[tuple[tuple[str, ...], str, DistributionChoice], InterfaceRegistry] = {}
 _compilations = 0
@@ -116,7 +116,10 @@ def compile_definition(name: str, text: str) -> type[Any]:
 
 
 def registry_of_text(name: str, text: str) -> InterfaceRegistry:
-    """Return the checked definitions in a definition text of a bag; arguments, errors as for `compile_definition`."""
+    """Return a registry with the checked definitions of a definition text of a bag.
+
+    Arguments and errors are as for `compile_definition`.
+    """
     from rosidl_py_gen.compiler.frontend.model import SourceText
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
@@ -140,10 +143,10 @@ def registry_of_text(name: str, text: str) -> InterfaceRegistry:
 
 
 def _text_owner(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
-    """Return the interface that a definition text for the type `name` defines, and the format of the text.
+    """Return the interface that a definition text of a bag for the type `name` defines, and the format of the text.
 
-    Topics of derived types (``X_Event``, ``A_FeedbackMessage``) have either the text of the service or action, or the
-    text of the derived message; the number of separators shows which.
+    The text for a derived type (``X_Event``, ``A_FeedbackMessage``) is either the text of the service or action, or the
+    text of the derived message. The number of separators shows which.
     """
     from rosidl_py_gen.compiler.frontend.interface_parser import separators
 
@@ -162,9 +165,10 @@ _PART_NAME = re.compile(r"^(MSG|IDL|SRV):\s*(\S+)\s*$")
 
 
 def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
-    """Return the definitions in a concatenated text: name, text, and True for IDL; the first has the name `top`.
+    """Return the definitions in a concatenated text as tuples of name, text, and True for IDL.
 
-    Raises `DefinitionError` for an invalid name. Locations count from the first line of each definition.
+    The first has the name `top`. Raises `DefinitionError` for an invalid name. Locations count from the first line of
+    each definition.
     """
     lines = text.splitlines()
     cuts = [
@@ -194,12 +198,13 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
 
 
 def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> type[Any] | None:
-    """Return a loaded class of a type, or a class of the search path or of any distribution, whose hashes fit.
+    """Return a class of a type whose RIHS01 hashes fit: a loaded class, or a class of the search path or of any
+    distribution.
 
     Returns None if no class fits.
 
     Args:
-        fits: returns True for the RIHS01 hashes of the requested type and of all types that it refers to, by name.
+        fits: returns True if the hashes of the requested type and of all types that it refers to, by name, fit.
         path: searched first, as by `get_message`; raises `DefinitionError` if it cannot be read.
     """
     _import_class(split_ros_name(name))
@@ -251,7 +256,8 @@ class DistributionDefinition(NamedTuple):
 
 
 def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
-    """Return the different definitions that the bundled distributions have of a type, which may be derived.
+    """Return the different definitions that the bundled distributions have of a type, which may be derived from a
+    service or action.
 
     The lookup is in a generated table; nothing is compiled. Constants and default values are not compared. The result
     is empty for a type that is the same in all distributions, or in none.
@@ -285,7 +291,10 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
 
 
 def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
-    """Return the class of a checked type; loaded and findable classes of the same hash are used for all its types."""
+    """Return the class of a checked type.
+
+    For the type and all types in it, loaded or importable classes with the same hash are used.
+    """
 
     def find(registry: InterfaceRegistry, part: RosName) -> type | None:
         text, wanted = str(part), registry.type_hash(str(part))
@@ -333,9 +342,10 @@ def _import_classes(registry: InterfaceRegistry, name: RosName) -> None:
 
 
 def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
-    """Return the importable generated class of a type; None if `path` or a distribution was requested, or without one.
+    """Return the importable generated class of a type.
 
-    A class in `rosidl_py_gen.msgs` is returned only if it has the distribution's definition.
+    Returns None if there is no such class, or if `path` or a distribution was requested. A class in
+    `rosidl_py_gen.msgs` is returned only if it has the distribution's definition.
     """
     if path or choice.is_explicit:
         return None
@@ -345,7 +355,7 @@ def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionC
 
 
 def _has_definition_of(cls: type[Any], distro: str) -> bool:
-    """Return True if the definition of a default-distribution class is the same in the distribution `distro`."""
+    """Return True if the definition of a class of the default distribution is the same in the distribution `distro`."""
     if distro == DEFAULT:
         return True
     from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces
@@ -356,10 +366,10 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
 
 
 def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
-    """Return the pregenerated class of a bundled type in a wheel: loading takes 10 ms, a compilation 80 ms.
+    """Return the class of a bundled type that was generated when the wheel of this package was built.
 
-    Returns None if another definition precedes the bundled one, if the distribution has another definition, or if a
-    type that it refers to has another class.
+    Loading it takes 10 ms, a compilation 80 ms. Returns None if another definition precedes the bundled one, if the
+    distribution has another definition, or if a type that it refers to has another class.
     """
     if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or has_installed_ros_packages())):
         return None
@@ -379,7 +389,10 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distributi
 
 
 def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegistry:
-    """Return the cached registry of the interfaces in folders; later changes of their files have no effect."""
+    """Return the registry of the interfaces in folders.
+
+    The registry is cached, so later changes of the files have no effect.
+    """
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
@@ -390,9 +403,9 @@ def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegi
 
 
 def registry_of(name: RosName) -> InterfaceRegistry | None:
-    """Return the registry of the default search path with the interface checked.
+    """Return the registry of the default search path in which the interface and all types in it are checked.
 
-    Returns None if the interface does not exist or has problems.
+    Returns None if the interface does not exist or its definition has errors.
     """
     from rosidl_py_gen.compiler.frontend.registry import read_checked
 
@@ -457,7 +470,10 @@ def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> typ
 
 
 def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) -> type | None:
-    """Return a loaded or importable class with the same definition, defaults and constants; None without one."""
+    """Return a loaded or importable class that has the same definition, defaults and constants as a checked type.
+
+    Returns None without such a class.
+    """
     in_use = _loaded.setdefault(str(name), [])
     found = next((cls for cls in in_use if _same_definition(registry, str(name), cls)), None)
     if found is None:
@@ -495,7 +511,10 @@ def _compile(
     own = {str(top), *(str(message.name) for message in messages_of(interface))}
 
     def known(full_name: str) -> str | None:
-        """Return the module with the class of another type, which is compiled if necessary; None for the own types."""
+        """Return the module with the class of another type, which is compiled if necessary.
+
+        Returns None for a type that this module defines.
+        """
         return None if full_name in own else get_class(split_ros_name(full_name)).__module__
 
     target = Target(root, known, registry.type_hash)
@@ -508,7 +527,9 @@ def _compile(
 
 
 def _run(module_name: str, source: str) -> ModuleType:
-    """Return a new module, in `sys.modules` for pickle and typing, in which the generated source was executed."""
+    """Execute the generated source in a new module and return the module, which is in `sys.modules` for pickle and
+    typing.
+    """
     for end in [index for index, char in enumerate(module_name) if char == "."]:
         parent = module_name[:end]
         if parent not in sys.modules:

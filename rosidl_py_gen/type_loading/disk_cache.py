@@ -1,11 +1,11 @@
 """Disk caches of compiled message modules, type descriptions, share folders and prefixes.
 
-Programs run cached code, so a process of this user must have written it. `cache_problem` decides for every kind of
+Programs run cached code, so a process of this user must have written it. `cache_problem` checks this for every kind of
 cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
-mode 0700 for any umask. Without owners of files, as on Windows, no code is cached.
+mode 0700 for any umask. Where files have no owners, as on Windows, no code is cached.
 
-A module is used only if all its definitions have the digests that they had when it was stored. Code that reads a cached
-type description must compute its RIHS01 hash and compare it with the expected one.
+A cached module is used only if all its definitions have the digests that they had when it was stored. Code that reads a
+cached type description must compute its RIHS01 hash and compare it with the expected one.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ VARIABLE = "ROSIDL_PY_GEN_CACHE"
 KINDS = ("modules", "prefix", "share", "types")
 """Names of the folders in the folder of all caches, one for each kind of cache."""
 Parts = dict[str, str]
-"""Interfaces from which a cached module was compiled: digest of the definition text by full name."""
+"""Interfaces from which a cached module was compiled, by full name, each with the digest of its definition text."""
 _MAX_MODULES = 4000
 _MAX_FILE_BYTES = 16 << 20
 MAX_DESCRIPTIONS = 2000
@@ -67,7 +67,7 @@ def _platform_folder() -> Path:
 
 
 def cache_problem(folder: Path) -> str:
-    """Return why a cache folder must not be used; "" if no other user can change it.
+    """Return a text that states why a cache folder must not be used; "" if no other user can change it.
 
     Args:
         folder: the folder of all caches or a folder in it; it may not exist.
@@ -82,13 +82,16 @@ def cache_problem(folder: Path) -> str:
 
 
 def _usable_folder(kind: str) -> Path | None:
-    """Return the folder of a kind of cache, which may not exist yet; None if it must not be used."""
+    """Return the folder for one kind of cached data, which may not exist yet; None if it must not be used."""
     home = cache_home()
     return None if home is None or cache_problem(home / kind) else home / kind
 
 
 def _make_usable(folder: Path) -> str:
-    """Create a cache folder unless it exists; return why it must not be used, or ""."""
+    """Create a cache folder unless it exists.
+
+    Returns a text that states why the folder must not be used, or "" if it can be used.
+    """
     if problem := cache_problem(folder):
         return problem
     try:
@@ -99,10 +102,10 @@ def _make_usable(folder: Path) -> str:
 
 
 def cached_folder(kind: str, words: Iterable[object]) -> Path:
-    """Create the cache folder of mode 0700 for some key words, and return it.
+    """Create the cache folder that belongs to some key words, with mode 0700, and return its path.
 
-    The folder is a temporary folder of this process, with a warning, if other users can change the folder of the
-    caches; and without a warning if caches are disabled. Raises OSError if no folder can be created.
+    If caches are disabled, or other users can change the folder of the caches, a temporary folder of this process is
+    returned; in the second case with a warning. Raises OSError if no folder can be created.
     """
     name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
     home = cache_home()
@@ -118,7 +121,9 @@ def cached_folder(kind: str, words: Iterable[object]) -> Path:
 
 
 def is_usable(folder: Path) -> bool:
-    """Return True for an existing folder of `cached_folder` that is in the caches and closed to other users."""
+    """Return True if a folder that `cached_folder` returned exists, is in the caches, and cannot be entered by other
+    users.
+    """
     home = cache_home()
     if home is None or folder.parent.parent != home or cache_problem(folder.parent) or cache_problem(folder):
         return False
@@ -134,10 +139,10 @@ def _is_private(folder: Path) -> bool:
 
 
 def _claim(folder: Path) -> None:
-    """Create a cache folder that other users cannot enter, or close an existing folder to other users.
+    """Create a cache folder that other users cannot enter, or remove the access of other users to an existing folder.
 
-    If other users could write into an existing folder at any depth, it is renamed, and a new one replaces it. Programs
-    of the user may create folders of any mode in it afterwards, because other users cannot enter it.
+    If other users could write into the existing folder at any depth, it is renamed and replaced by a new folder.
+    Afterwards, programs of the user may create folders of any mode in it, because other users cannot enter it.
     """
     folder_trust.make_folder(folder)
     problem = cache_problem(folder)
@@ -156,7 +161,9 @@ def _claim(folder: Path) -> None:
 
 @lru_cache(maxsize=16)
 def warn_once(problem: str) -> None:
-    """Warn once in a process that a cache cannot be used because of `problem`, and a temporary folder replaces it."""
+    """Warn, once in a process, that a cache cannot be used because of `problem` and that a temporary folder is used
+    instead.
+    """
     cure = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
     warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {cure}", stacklevel=4)
 
@@ -219,7 +226,9 @@ def digest(data: bytes) -> str:
 
 @lru_cache(maxsize=1)
 def version() -> str:
-    """Return a digest of what cached code depends on: the generator, its run-time support and Python's version."""
+    """Return a digest of everything that cached code depends on: the generator, its run-time support and Python's
+    version.
+    """
     package = Path(__file__).parents[1]
     rows: list[object] = [__version__, importlib.util.MAGIC_NUMBER]
     folders = [str(folder) for folder in (package / "base", package / "cdr", package / "compiler", templates_dir())]
@@ -265,7 +274,10 @@ def store_code(interface: str, text_digest: str, parts: Parts, code: CodeType) -
 
 
 def store_checked(file: Path, content: bytes, *, max_files: int) -> None:
-    """Store a cache file with its digest, unless it is too large or other users can write to its folder."""
+    """Store a cache file together with its digest.
+
+    Does nothing if the file is too large or other users can write to its folder.
+    """
     if len(content) <= _MAX_FILE_BYTES and own_folder(create=True) is not None:
         store_file(file, digest(content).encode() + content, max_files=max_files)
 
@@ -277,7 +289,10 @@ def own_folder(create: bool = False) -> Path | None:
 
 
 def read_checked(path: Path) -> bytes:
-    """Return the content of a file that `store_checked` wrote; raises ValueError if damaged or another user's."""
+    """Return the content of a file that `store_checked` wrote.
+
+    Raises ValueError if it is damaged or belongs to another user.
+    """
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     with os.fdopen(handle, "rb") as file:
         found = os.fstat(handle)
@@ -295,7 +310,10 @@ def cache_folder() -> Path | None:
 
 
 def load_description(type_hash: str) -> bytes | None:
-    """Return the cached encoded type description with a RIHS01 hash, unchecked; None if there is none."""
+    """Return the cached type description with a RIHS01 hash, as encoded bytes that are not checked.
+
+    Returns None if there is none.
+    """
     folder = cache_folder()
     if folder is None:
         return None
@@ -308,7 +326,7 @@ def load_description(type_hash: str) -> bytes | None:
 
 
 def cached_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield hash and data of the cached type descriptions whose data contains some bytes, newest first."""
+    """Yield hash and encoded bytes of the cached type descriptions that contain the given bytes, newest first."""
     folder = cache_folder()
     if folder is None:
         return

@@ -1,8 +1,8 @@
-"""Definitions that a type has in other ROS distributions than the one of its class.
+"""Definitions that a type has in other ROS distributions than the distribution of its class.
 
-A type may also differ because a type that it refers to does: `my_msgs/msg/Sonar` with a field `sensor_msgs/Range` has
-another hash in each distribution whose `Range` differs. So the definition of a distribution is computed from the own
-one, with the types replaced that the distribution defines otherwise.
+A type may also differ because a type in it differs: `my_msgs/msg/Sonar` with a field `sensor_msgs/Range` has another
+hash in each distribution whose `Range` differs. So the definition for a distribution is made from the type's own
+definition, in which types that the distribution defines otherwise are replaced.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 
 def other_hashes(cls: type[Any]) -> Mapping[str, str]:
-    """Return the hash of a class's type in each distribution that defines it otherwise, oldest distribution first."""
+    """Return the hashes that a class's type has in the distributions whose definition differs, oldest distribution
+    first.
+    """
     return {distro: rihs01(description) for distro, description in _other_descriptions(cls).items()}
 
 
@@ -47,7 +49,7 @@ def distributions_with(name: str, own_hash: str, other_hash: str) -> tuple[str, 
 
 @cached_per_class
 def class_in(distro: str, cls: type[Any]) -> type[Any]:
-    """Return the class that a class's type has in a distribution."""
+    """Return the class with the definition that a class's type has in a given distribution."""
     from rosidl_py_gen.type_loading.from_description import compile_described
 
     description = _other_descriptions(cls).get(distro)
@@ -58,7 +60,10 @@ def class_in(distro: str, cls: type[Any]) -> type[Any]:
 
 
 def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | None:
-    """Return the class of a type that the nodes of a distribution use, by all that is known here; None without one."""
+    """Return the class that nodes of a distribution use for a type, as far as it is known on this machine.
+
+    Returns None if it is not known.
+    """
     cls = find_named_class(name, path=path, distro=distro)
     if cls is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
         return cls
@@ -67,7 +72,7 @@ def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | No
 
 
 def fits_exactly(cls: type[Any], data: Any) -> bool:
-    """Return True if data is a message of the class and nothing else, up to the padding of the network."""
+    """Return True if data is exactly one message of the class; after it, only the padding of the network may follow."""
     try:
         size = len(cls._decode(data)._encode())
     except (DecodeError, EncodeError):

@@ -1,6 +1,7 @@
-"""Classes of other nodes' type descriptions, and definition texts of classes, for types not on the search path.
+"""Conversion of other nodes' type descriptions to classes, and of classes to definition texts, for types not on the
+search path.
 
-A loaded class of the same name and hash is used without a compilation, also for nested types. The limits on
+A loaded class of the same name and hash is used without a compilation, also for nested types. The limits of
 descriptions are in `compiler/frontend/type_description_reader.py`. A generated class has names, types, bounds and
 default values of its fields, but no comments and no types of constants.
 """

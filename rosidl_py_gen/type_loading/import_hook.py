@@ -36,7 +36,8 @@ else:
     Loader = object  # takes 5 ms to import
 
 _PARSER = ("rosidl_parser", "rosidl_parser.definition")
-"""Modules with the types in `SLOT_TYPES` of rclpy's messages, which the hook provides if they are not installed."""
+"""Names of modules with the types in `SLOT_TYPES` of rclpy's messages; the hook provides these modules if they are not
+installed."""
 RCLPY_COMPAT_DIR = Path(__file__).parents[1] / "ros_compat"
 """Folder of the packages that are importable with rclpy's API: `rclpy`, `tf2_ros` and others."""
 
@@ -61,7 +62,9 @@ class FoundPackage:
 
     @property
     def share(self) -> Path:
-        """Share folder: the package's folder, or one of links if setup.py or CMakeLists.txt install files elsewhere."""
+        """Share folder of the package: the package's folder, or a folder of links if setup.py or CMakeLists.txt install
+        files elsewhere.
+        """
         from rosidl_py_gen.type_loading.share_folder import share_folder
 
         return share_folder(self.name, self.folder, problem=_warn_of_share)
@@ -177,9 +180,9 @@ def _is_compat_package(spec: ModuleSpec) -> bool:
 
 
 class _FallbackFinder:
-    """Last finder in `sys.meta_path`, which finds the Python packages of the hook's `path` and workspace.
+    """Import finder at the end of `sys.meta_path`, which finds the Python packages of the hook's `path` and workspace.
 
-    For the import of a well-known message package that no finder has, the finder raises an error that names its
+    If a well-known message package is imported that no finder has, this finder raises an error that names the package's
     repository.
     """
 
@@ -213,7 +216,9 @@ class _FallbackFinder:
 
 
 class _Finder(Loader):
-    """First finder in `sys.meta_path` and loader of the import hook."""
+    """Import finder at the start of `sys.meta_path`, which is also the loader of the modules that the import hook
+    provides.
+    """
 
     def __init__(
         self,
@@ -246,7 +251,8 @@ class _Finder(Loader):
         self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
         self._other_origins: dict[str, str] = {}
         self._own: set[tuple[str, str]] = set()
-        """Packages and kinds (msg, srv, action) that no other finder provides, which was checked before."""
+        """Packages and their kinds of interfaces (msg, srv, action) for which it is known that no other finder provides
+        them."""
         self._search_state = threading.local()
 
     # --- finding ------------------------------------------------------------------------------------------------------
@@ -301,9 +307,9 @@ class _Finder(Loader):
             warnings.warn(ImportHookWarning(f"{name}: using {used}, not {unused}"), stacklevel=2)
 
     def _package(self, package: str) -> ModuleSpec | None:
-        """Return the import spec of a message package: its Python package in the workspace, or a package of the hook.
+        """Return the import spec of a message package, which is in the workspace or made by the hook.
 
-        Returns None for a package that is importable otherwise.
+        Returns None for a package that other finders can import.
         """
         other = self._other_spec(package, None)
         if other is not None and other.loader is not None and other.origin:
@@ -315,7 +321,9 @@ class _Finder(Loader):
         return ModuleSpec(package, self, is_package=True)
 
     def _uses_other(self, package: str, kind: str, path: Sequence[str] | None) -> bool:
-        """Return True if the import is left to importable message modules that the hook does not provide."""
+        """Return True if the hook leaves the import of a message package to other finders, which have modules that the
+        hook does not provide.
+        """
         name = f"{package}.{kind}"
         if path is None:
             found = self._other_spec(package, None)
@@ -344,7 +352,10 @@ class _Finder(Loader):
         return None
 
     def _is_plain_folder(self, name: str) -> bool:
-        """Return True if other finders find only a folder without ``__init__.py`` for a name, such as a ROS package."""
+        """Return True if other finders find only a folder without ``__init__.py`` for a name.
+
+        The folder may be a ROS package's source.
+        """
         other = self._other_spec(name, None)
         is_folder = other is not None and other.origin is None and other.submodule_search_locations is not None
         return is_folder and name not in self._interfaces.search.packages

@@ -1,4 +1,5 @@
-"""Modules of interfaces with rosidl's names, such as ``std_msgs.msg._string``, whose contents are made in memory.
+"""Modules of interfaces with the names that rosidl gives them, such as ``std_msgs.msg._string``, with contents made in
+memory.
 
 A module defines the classes of rclpy's API, so that a program sees the same names as with a ROS installation, or
 exports the native classes of `class_lookup`.
@@ -55,9 +56,9 @@ class Interfaces:
         return {name.kind for name in found.files} if found else set()
 
     def modules(self, package: str, kind: str) -> dict[str, list[RosName]]:
-        """Return the module names of a package's interfaces of a kind, each with its interface.
+        """Return the module names of a package's interfaces of one kind, each with its interfaces.
 
-        If two interface names give the same module name, it has both interfaces.
+        A module has two interfaces if both of their names give the same module name.
         """
         if (package, kind) not in self._modules:
             found: dict[str, list[RosName]] = {}
@@ -68,7 +69,9 @@ class Interfaces:
         return self._modules[package, kind]
 
     def classes(self, package: str, kind: str) -> dict[str, str]:
-        """Return the names of a package's classes of a kind, each with the module that defines it."""
+        """Return the names of a package's classes of one kind (msg, srv, action), each with the module that
+        defines it.
+        """
         return {
             py_name(name.name + part): module
             for module, names in self.modules(package, kind).items()
@@ -77,10 +80,11 @@ class Interfaces:
         }
 
     def fill(self, module: ModuleType, name: RosName, code: CodeType | None) -> None:
-        """Define the classes of an interface in its module: by compiled code, or the native classes without `code`.
+        """Define the classes of an interface in its module, by executing compiled `code`, or as native classes if
+        `code` is None.
 
         Raises:
-            DefinitionError: the definition has problems.
+            DefinitionError: the definition has errors.
             TypeNotFoundError: its file was removed after the search.
         """
         if code is not None:
@@ -92,12 +96,13 @@ class Interfaces:
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 
     def code(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
-        """Return the code of an interface's module with rclpy's API, and the interfaces it was compiled from.
+        """Return the compiled code of an interface's module with rclpy's API, and the interfaces from which it was
+        compiled.
 
         The code is cached on disk.
 
         Raises:
-            DefinitionError: the definition has problems.
+            DefinitionError: the definition has errors.
         """
         with self._lock:
             text_digest = self._digest(str(name))

@@ -1,4 +1,4 @@
-"""Disk cache of the results of searches for packages: of all packages of a workspace, and of those with interfaces.
+"""Disk cache for the results of two searches: for all packages of a workspace, and for packages with interfaces.
 
 A result is used as long as no file or folder that the search has read has changed, appeared or disappeared.
 """
@@ -40,7 +40,8 @@ def workspace_packages(workspace: Workspace) -> dict[str, Path]:
 def search(
     path: Sequence[str], workspace: Workspace | None, choice: DistributionChoice
 ) -> tuple[list[str], SearchPath]:
-    """Return the folders with interfaces of `path` and a workspace, and the packages that a search finds with them.
+    """Return the folders with interfaces in `path` and a workspace, and the packages that a search of these folders
+    finds.
 
     The result comes from the cache if nothing has changed.
     """
@@ -86,7 +87,8 @@ def _package(name: str, folder: str, origin: str, from_source: bool, known: list
 
 
 def cached(settings: object, scan: Callable[[], Any]) -> Any:
-    """Return the result of the function `scan`, or a cached result for equal settings if no scanned path has changed.
+    """Return the result of the function `scan`, from the cache if `settings` and all paths that the function read are
+    unchanged.
 
     The result must consist of types that `marshal` supports.
     """

@@ -1,8 +1,8 @@
-"""Share folder of a source package with the files that its setup.py and CMakeLists.txt install.
+"""Share folder of a source package, with the files that its setup.py and CMakeLists.txt install.
 
 No code is run. Programs expect files below ``share/<package>`` at their installed paths: `glob("launch/*")` of setup.py
 installs them without their folder. If an installation only copies folders, the source folder is the share folder.
-Otherwise the share folder is a folder of links in the user's cache: to the contents of the source folder, and to the
+Otherwise the share folder is a folder of links in the user's cache, to the contents of the source folder and to the
 installed files.
 """
 
@@ -38,7 +38,8 @@ _Tree = dict[str, "Path | _Tree"]
 
 @dataclass(frozen=True)
 class Install:
-    """Install rule: ``install(FILES | PROGRAMS | DIRECTORY ...)`` of CMakeLists.txt, or a row of setup.py's data files.
+    """Install rule: ``install(FILES | PROGRAMS | DIRECTORY ...)`` of CMakeLists.txt, or an element of `data_files` of
+    setup.py.
 
     Attributes:
         folder: folder of the package.
@@ -59,7 +60,7 @@ class Install:
     only_matching: bool = False
 
     def files(self) -> Iterator[tuple[str, str]]:
-        """Yield the path below `destination` and the path below `folder` of each existing file to install."""
+        """Yield two paths for each existing file that the rule installs: below `destination`, and below `folder`."""
         for path in self.paths:
             place = inside(path)
             exists = Path.exists if self.kind == "DIRECTORY" else Path.is_file
@@ -93,7 +94,7 @@ def cmake_installs(folder: Path, script: CMakeScript) -> list[Install]:
 
 
 def setup_installs(folder: Path, rows: object) -> list[Install]:
-    """Return the install rules of the data files in a setup.py, given as its value `rows`.
+    """Return the install rules for the argument `data_files` of a setup.py, whose value is `rows`.
 
     Paths that cannot be determined are UNKNOWN.
     """
@@ -155,7 +156,9 @@ def _names(folder: Path) -> list[str]:
 
 
 def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Iterator[tuple[str, Path]]:
-    """Yield the path below ``share/<name>`` and the source path of each file or folder that the package installs."""
+    """Yield each file or folder that the package installs into its share folder: path below ``share/<name>`` and source
+    path.
+    """
     share = f"share/{name}"
     installs: list[Install] = []
     budget = PackageBudget()
@@ -198,7 +201,7 @@ def _linked(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
-    """Insert a file or folder into a tree of share-folder entries; return True if it was there already."""
+    """Insert a file or folder into the tree of the entries of a share folder; return True if it was there already."""
     for index, part in enumerate(parts[:-1], 1):
         below = tree.get(part, {})
         if isinstance(below, Path):
@@ -213,9 +216,9 @@ def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
 
 
 def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
-    """Create or update the links of a share folder from a tree of entries; files that programs wrote there remain.
+    """Create or update the links of a share folder from a tree of entries; files that programs have written there stay.
 
-    `left` has the number of links that may still be created. Raises OSError for more.
+    `left` has the number of links that may still be created. Raises OSError if more are needed.
     """
     for name, source in tree.items():
         left[0] -= 1

@@ -44,7 +44,8 @@ class BuiltWheel:
 
 
 def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
-    """Return the names of the packages to make wheels of: `wanted`, else packages of the user's folders, else all.
+    """Return the names of the packages of which wheels are made: `wanted`, else the packages of the user's folders,
+    else all.
 
     Raises `DefinitionError` if a wanted package is not on the search path.
     """
@@ -57,10 +58,11 @@ def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
 
 
 def with_bundled(search: SearchPath, names: list[str]) -> SearchPath:
-    """Return a search path in which bundled packages precede installed ones, for the packages in `names` (empty: all).
+    """Return a search path in which bundled packages precede installed packages, for the packages in `names` (empty:
+    all).
 
-    Otherwise a new installation would repeat the old one: installed wheels precede the bundled definitions, even after
-    a change of ROS_DISTRO or an update of this package.
+    Without this change a new installation would repeat the old one: installed wheels precede the bundled definitions,
+    even after a change of ROS_DISTRO or an update of this package.
     """
     bundled = {
         one.name: one for one in search.hidden if one.origin == BUNDLED and one.name in (names or search.packages)
@@ -85,7 +87,9 @@ def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: b
 
 
 def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
-    """Return, by package (`packages` and their dependencies), its generated files and the packages that it imports."""
+    """Return the generated files of each package in `packages` and their dependencies, and the packages that its code
+    imports.
+    """
     wanted = set(packages)
     while True:
         if more := {one for name in wanted for one in _declared(search, name)} - wanted:
@@ -181,13 +185,15 @@ def write_wheel(
 
 
 def _compatible_versions(version: str) -> str:
-    """Return the requirement of generated wheels on rosidl-py-gen: `version` or later, with the same minor version."""
+    """Return the version requirement on rosidl-py-gen that a generated wheel gets: `version` or later, with the same
+    minor version.
+    """
     major, minor = version.split(".")[:2]
     return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
 
 
 def manifest_metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict[str, object]:
-    """Return the metadata of the wheel of a package, from its package.xml."""
+    """Return the metadata for the wheel of a package, made from the package's package.xml."""
     found: dict[str, object] = {
         "name": name,
         "version": manifest.version,
@@ -217,7 +223,10 @@ class PackageManifest:
 
 
 def read_manifest(folder: Path) -> PackageManifest:
-    """Read package.xml in a folder; raises `DefinitionError` if it is missing, invalid or has no version for pip."""
+    """Read the package.xml in a folder.
+
+    Raises `DefinitionError` if it is missing or invalid, or if its version is not valid for pip.
+    """
     path = folder / "package.xml"
     if not path.exists():
         raise DefinitionError(Diagnostic(str(path), 0, 0, "there is no such file; a wheel needs its name and version"))

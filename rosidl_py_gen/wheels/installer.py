@@ -30,7 +30,7 @@ class Installer:
     _uninstall: tuple[str, ...]
     """Command line that uninstalls distributions; their names are appended."""
     _require: tuple[str, ...]
-    """Command line that installs requirements of the user's package index; the requirements are appended."""
+    """Command line that installs requirements from the user's package index; the requirements are appended."""
     _unpack: tuple[str, ...]
     """Command line that downloads wheels from the user's package index; `unpack` appends target and requirements."""
 
@@ -39,7 +39,10 @@ class Installer:
         self._run("install", *self._install, *map(str, wheels))
 
     def require(self, *requirements: str) -> None:
-        """Install requirements from the user's package index; raises `OutputError` with the output on failure."""
+        """Install requirements from the user's package index.
+
+        Raises `OutputError` with the output of pip or uv on failure.
+        """
         self._run("install", *self._require, *requirements)
 
     def uninstall(self, *distributions: str) -> None:
@@ -87,7 +90,10 @@ class Installer:
 
 
 def find_installer() -> Installer:
-    """Return pip of this environment, else uv; raises `OutputError` without both or in a temporary environment."""
+    """Return an installer: pip of this environment, else uv.
+
+    Raises `OutputError` if both are missing, or in a temporary environment.
+    """
     if _is_ephemeral():
         raise OutputError(
             f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
@@ -130,7 +136,10 @@ def find_installer() -> Installer:
 
 
 def _uv() -> tuple[str, ...]:
-    """Return the words of the command that runs uv of this environment, else uv of PATH; () if uv is not installed."""
+    """Return the command that runs uv, as a tuple of words: uv of this environment, else uv on PATH.
+
+    Returns () if uv is not installed.
+    """
     if find_spec("uv") is not None:
         return sys.executable, "-m", "uv"
     # Programs of the current folder, which Windows searches as well, and of relative folders are not trusted.

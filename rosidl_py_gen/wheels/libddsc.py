@@ -161,7 +161,7 @@ def build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Pa
 
 
 def _check(wheel: LibraryWheel) -> str:
-    """Load the newly installed libddsc and return its path; raises `OutputError` if it does not load."""
+    """Load the newly installed library libddsc, and return its path; raises `OutputError` if it cannot be loaded."""
     import importlib
 
     importlib.invalidate_caches()

@@ -35,9 +35,10 @@ if TYPE_CHECKING:
 SUFFIX = ".zstd"
 _SUFFIXES = ".mcap", ".db3"
 _MAGIC = b"\x28\xb5\x2f\xfd"
-"""First bytes of zstd data, which distinguish compressed messages: CDR begins with a zero."""
+"""First bytes of zstd data, by which a compressed message is recognized: an uncompressed CDR message begins with a
+zero."""
 _PAGES = struct.Struct(">16x H 10x I")
-"""Layout of the size and number of pages in the header of a SQLite database."""
+"""Struct layout of the page size and the number of pages in the header of a SQLite database."""
 _MAX_RATIO = 1000
 _MAX_HEAD = 18
 """Maximum bytes of the header of a zstd frame, which states the decompressed size."""
@@ -84,7 +85,9 @@ def open_files(
 
 
 def _files_of(path: Path) -> tuple[list[Path], bool, BagMetadata | None]:
-    """Return the files of a bag, True if rosbag2 may have compressed single messages, and the metadata or None."""
+    """Return the paths of a bag's files, True if rosbag2 may have compressed single messages, and ``metadata.yaml`` or
+    None.
+    """
     if not path.is_dir():
         return [path], True, None
     if not (path / FILE).exists():  # the recorder was killed
@@ -161,7 +164,8 @@ def _is_plain_complete(path: Path) -> bool:
 
 
 def _decompressed_pieces(stream: IO[bytes]) -> tuple[int, Iterator[bytes]]:
-    """Return the decompressed size that a zstd file states, -1 for none, and an iterator over its content.
+    """Return the decompressed size that a zstd file states, -1 if it states none, and an iterator over the decompressed
+    content.
 
     Raises exceptions of the zstd library for damaged data.
     """
@@ -193,7 +197,7 @@ def _decompressed(path: Path, resources: ExitStack, max_bytes: int, progress: Re
 
 
 def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: ReadingProgress) -> Path:
-    """Return the path of a zstd file's decompressed form in `folder`.
+    """Decompress a zstd file into `folder`, and return the path of the new file.
 
     Raises:
         BagError: the content is larger than `max_bytes` and than 1000 times the file, larger than half of the free
@@ -227,7 +231,9 @@ def _require_size(path: Path, size: int, max_size: int) -> None:
 
 
 class _CompressedMessages:
-    """Storage reader that decompresses each message of another `Storage`, and delegates everything else."""
+    """Storage reader for files whose messages rosbag2 compressed one by one: decompresses each message that another
+    reader returns.
+    """
 
     def __init__(self, storage: Storage, path: Path, max_bytes: int) -> None:
         self._storage = storage

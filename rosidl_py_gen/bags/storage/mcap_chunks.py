@@ -32,20 +32,22 @@ if TYPE_CHECKING:
     Array = NDArray[Any]
 
 RECORD = struct.Struct("<BQ")
-"""Layout of the start of an MCAP record: opcode and length."""
+"""Struct layout of the start of every MCAP record: opcode and length."""
 _HEAD = struct.Struct("<QQQII")
-"""Layout of the start of a chunk: first and last log time, size, checksum, and length of the compression's name."""
+"""Struct layout of the start of an MCAP chunk: first and last log time, size, checksum, length of the compression's
+name."""
 BLOCK_BYTES = 1 << 20
 MAX_WHOLE_CHUNK_BYTES = 1 << 23
 """Maximum size of a chunk that is decompressed at once, which is faster than in blocks."""
 MAX_WINDOW = 1 << 27
-"""Maximum window of zstd that is accepted, as by the command ``zstd`` without ``--long``."""
+"""Maximum zstd window in bytes that is accepted, as by the command ``zstd`` without ``--long``."""
 Read = Callable[[int, int], bytes]
 MESSAGE = struct.Struct("<BQHIQQ")
-"""Layout of the start of a message record: opcode, length, channel, sequence, log time, publish time; data follow."""
+"""Struct layout of an MCAP message record before its data: opcode, length, channel, sequence, log time, publish time.
+"""
 MIN_MESSAGE_BYTES = MESSAGE.size - RECORD.size
 IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-"""Opcodes of records that MCAP allows in chunks; records with other opcodes count as unknown."""
+"""Opcodes of the records that MCAP allows in chunks. A record with another opcode in a chunk counts as unknown."""
 IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 _HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("log", "<u8"), ("publish", "<u8")]
@@ -53,15 +55,17 @@ _HEADS = np.dtype(
 _MIN_EQUAL_RUN = 4
 """Number of consecutive messages of equal length after which the parser expects more of this length."""
 _LARGE = 8
-"""Maximum ratio of a chunk's size to a large message's size; the data of large messages are views of the chunk."""
+"""Divisor for large messages: the data of a message larger than the chunk's size divided by it share the chunk's
+memory, and are not copied."""
 _MAX_FRAME_HEAD = 18
 """Maximum size of the header of a zstd frame."""
 _MAX_COMPRESSION_NAME = 4
 COMPRESSIONS = "", "lz4", "zstd"
 _HOLE = bytes(512)
-"""Zeros as long as a sector of a disk, which mark unwritten blocks: compressed data have no such zeros."""
+"""Run of zeros as long as a disk sector, which shows that a block was never written: compressed data have no such run.
+"""
 _MAX_LZ4 = 255
-"""Maximum compression ratio of LZ4, which bounds the size that a chunk can state."""
+"""Maximum factor by which LZ4 can compress data; a chunk cannot validly state a larger size."""
 
 
 def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
@@ -75,7 +79,10 @@ def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
 
 
 def _lz4_frames() -> Any:
-    """Return the module of LZ4; raises `ExtraMissingError` without it, as some Python versions have no wheel."""
+    """Import and return the module of LZ4.
+
+    Raises `ExtraMissingError` if the module is missing, as on Python versions without a wheel of it.
+    """
     try:
         import lz4.frame  # type: ignore[import-untyped]
     except ImportError as missing:
@@ -88,7 +95,7 @@ class TooLargeError(BagError):
 
 
 class Tally:
-    """Counter of unknown records, shared by the blocks of a chunk that is read in several blocks."""
+    """Counter of MCAP records of unknown kinds, shared by the blocks of a chunk that is read in several blocks."""
 
     __slots__ = ("count",)
 
@@ -97,7 +104,7 @@ class Tally:
 
 
 class ChunkHeader(NamedTuple):
-    """Header of an MCAP chunk; the stored records extend from offset `at` to `end` of the file.
+    """Header of an MCAP chunk, whose stored records extend from offset `at` to offset `end` of the file.
 
     Attributes:
         size: decompressed size of the records.
@@ -111,7 +118,9 @@ class ChunkHeader(NamedTuple):
 
 
 class Zstd(threading.local):
-    """Zstd decompressor for each thread: a decompressor that threads share would mix up their data."""
+    """Zstd decompressor with an object for each thread, because threads that share one object would mix up
+    their data.
+    """
 
     def __init__(self) -> None:
         self.own = ZstdDecompressor()
@@ -150,9 +159,9 @@ class ChunkDecompressor:
         return data
 
     def is_large(self, head: ChunkHeader) -> bool:
-        """Return True if a chunk is to be read in blocks: it is large, and no message at its start is half of it.
+        """Return True if a chunk should be read in blocks: it is large, and no message at its start takes half of it.
 
-        Raises `BagError` if its header is inconsistent, or it is too large.
+        Raises `BagError` if the chunk's header is inconsistent, or the chunk is larger than the limit.
         """
         if head.compression:
             start = self.read(head.at, _MAX_FRAME_HEAD)
@@ -197,10 +206,11 @@ class ChunkDecompressor:
             raise BagError(f"{self.where}: damaged: the checksum of a chunk is wrong")
 
     def unfinished(self, body: int, end: int) -> tuple[bytes, int]:
-        """Return the whole records of a chunk in which the file breaks off at `end`, and the size of missing records.
+        """Return the whole records of a chunk in which the file breaks off at `end`, and the number of bytes that are
+        missing.
 
-        Such a chunk cannot be compared with its checksum. So b"" is returned if blocks of a compressed chunk were not
-        written.
+        The checksum of such a chunk cannot be verified. Returns b"" if the data have zeros in place of blocks that were
+        never written.
         """
         _, _, size, crc, name = _HEAD.unpack(self.read(body, _HEAD.size))
         at = body + _HEAD.size + name + 8
@@ -308,7 +318,9 @@ class ChunkDecompressor:
     def message_headers(
         self, data: bytes | bytearray, known: Container[int], size: int = -1
     ) -> tuple[Array, NDArray[np.int64]]:
-        """Return the headers of all messages in a chunk's records as a structured array, and their data's offsets."""
+        """Return the headers of all messages in a chunk's records as a structured array, and the offsets of
+        their data.
+        """
         size = len(data) if size < 0 else size
         at = self._message_offsets(data, size)
         every: Array = np.ndarray((max(0, size - MESSAGE.size + 1),), f"V{MESSAGE.size}", data, 0, (1,))
@@ -321,9 +333,9 @@ class ChunkDecompressor:
     def _message_offsets(self, data: bytes | bytearray, size: int) -> NDArray[np.int64]:
         """Return the offsets of the message records in a chunk's records.
 
-        After a message length has repeated, the rest is viewed as rows of that length and the record headers are
-        compared at once; the run ends at the first row that differs. After a wrong guess more equal messages are
-        required.
+        When several consecutive messages have the same length, numpy compares the headers at that distance in the rest
+        of the data at once. The run ends at the first header that differs. After a wrong guess, more equal messages are
+        required before the next attempt.
         """
         runs: list[NDArray[np.int64]] = []
         single: list[int] = []
@@ -357,7 +369,9 @@ class ChunkDecompressor:
 
 
 def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
-    """Return the end of the last whole record in the data, and the number of bytes that the next record lacks."""
+    """Return the offset after the last complete record in the data, and the number of bytes that the next
+    record lacks.
+    """
     at, size = 0, len(data)
     while at + RECORD.size <= size:
         end: int = at + RECORD.size + RECORD.unpack_from(data, at)[1]

@@ -91,7 +91,7 @@ class StoredMetadata(NamedTuple):
 
 
 class _Fields:
-    """Reader of the fields of a record, one after the other, up to the end of the record."""
+    """Reader that returns the fields of an MCAP record, one after the other, up to the end of the record."""
 
     def __init__(self, read: Read, at: int) -> None:
         head = read(at, RECORD.size)
@@ -125,7 +125,7 @@ class _Fields:
         self.at += size
 
     def pairs(self) -> Iterator[tuple[str, str]]:
-        """Yield the keys and values of a map field, for which the whole map is in memory."""
+        """Yield the keys and values of a map field of an MCAP record; the whole map is read into memory."""
         (length,) = self.unpack(_LENGTH)
         data, at = self._take(length), 0
         while at < length:

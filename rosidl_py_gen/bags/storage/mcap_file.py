@@ -1,7 +1,8 @@
-"""Reader of an MCAP file, by its index or by an index made from walking through the file.
+"""Reader of MCAP files that uses the index of the file, or makes an index by reading the whole file.
 
-Segments are read in the order of their first log time; later messages wait until the next segment begins. The reader of
-the package `mcap` sorts message by message, and its objects cost twice as much as decoding.
+A segment is a chunk, or a range of messages outside of chunks. Segments are read in the order of their first log time;
+later messages wait until the next segment begins. The reader of the package `mcap` sorts message by message, and its
+objects cost twice as much as decoding.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _MESSAGE_BYTES = 200
-"""Memory of a waiting message in bytes, in addition to its data: a tuple, two integers and a slice."""
+"""Memory in bytes that a message takes while it waits for earlier messages, in addition to its data: a tuple, two
+integers and a slice."""
 
 
 class McapFile(Storage):
@@ -103,7 +105,7 @@ class McapFile(Storage):
 
     @cached_property
     def _index(self) -> Index:
-        """Index of the file; if the file has none, an index made by walking through the file."""
+        """Index of the MCAP file; if the file has none, an index made by reading the whole file."""
         if self._stored_index is not None:
             return self._stored_index
         index = Index()
@@ -112,7 +114,7 @@ class McapFile(Storage):
 
     @cached_property
     def _segments(self) -> list[MessageSegment]:
-        """All segments with messages, by first log time.
+        """All segments (chunks, and ranges of messages outside of chunks) that contain messages, by first log time.
 
         An index lists chunks only, so ranges between chunks are searched for messages outside of chunks.
         """
@@ -228,7 +230,10 @@ class McapFile(Storage):
         return self._index
 
     def _intact(self, offsets: Iterable[int], read: Callable[[int], T]) -> Iterator[T]:
-        """Yield the records that `read` returns for some offsets; damaged records are reported and skipped."""
+        """Yield the records that the function `read` returns for the given offsets.
+
+        Damaged records are reported and skipped.
+        """
         for at in offsets:
             try:
                 with library_errors_as_bag_error(self._path):
@@ -273,7 +278,9 @@ class McapFile(Storage):
     def _select(
         self, topics: Collection[str] | None, start: int, end: int
     ) -> tuple[list[MessageSegment], dict[int, BagChannel], dict[int, BagChannel]]:
-        """Return segments that may have requested messages, the requested channels by id, and all channels by id."""
+        """Return the segments of the file that may contain requested messages, the requested channels by id, and all
+        channels by id.
+        """
         segments = [one for one in self._segments if one.first < end and one.last >= start]
         known = self._channels(self._index)
         requested = {number: one for number, one in known.items() if topics is None or one.topic in topics}
@@ -361,9 +368,10 @@ class McapFile(Storage):
     def _contents(
         self, segment: MessageSegment, known: Container[int]
     ) -> Iterator[tuple[bytes | bytearray, int, bool]]:
-        """Yield the records of a segment, in blocks if it is a large chunk.
+        """Yield the records of a segment (a chunk, or messages outside of chunks), in blocks if it is a large chunk.
 
-        Each block is a tuple: data, size of the whole records in it (-1 for all data), True if more blocks may follow.
+        Each item is a tuple: data, size of the whole records in the data (-1 for all data), True if more blocks may
+        follow.
         """
         if not segment.is_finished:
             yield self._chunks.unfinished(segment.offset, segment.end)[0], -1, False
@@ -380,9 +388,10 @@ class McapFile(Storage):
     def _blocks(
         self, segment: MessageSegment, requested: Mapping[int, BagChannel], known: Container[int]
     ) -> Iterator[tuple[list[RawTuple], int, bool]]:
-        """Yield the requested messages of a segment in blocks, sorted by log time within a block.
+        """Yield the requested messages of a segment (a chunk, or messages outside of chunks), sorted by log time within
+        a block.
 
-        Each block is a tuple: messages, size of the block's data, True if more blocks may follow.
+        Each item is a tuple: messages, size of the block's data, True if more blocks may follow.
         """
         unknown = Tally()
         for data, whole, has_more in self._contents(segment, known):
@@ -397,7 +406,10 @@ class McapFile(Storage):
             yield messages, size, has_more
 
     def _reads_in_blocks(self, head: ChunkHeader, known: Container[int]) -> bool:
-        """Return True for a large chunk whose messages are in order of log time, which requires reading it once."""
+        """Return True if a chunk is large and its messages are in order of log time.
+
+        Finding out the order requires reading the chunk once.
+        """
         if not self._chunks.is_large(head):
             return False
         is_ordered = self._is_ordered.get(head.at)
@@ -446,9 +458,9 @@ def _topic_of(channel: ChannelRecord, schema: Schema | None, count: int | None) 
 
 
 class _MergeBuffer:
-    """Messages of chunks that overlap in time, which wait for earlier messages.
+    """Heap of messages from chunks that overlap in time; a message waits in it until no earlier message can follow.
 
-    A heap merges runs of messages, each by log time: n messages of m chunks take n log m steps.
+    The heap merges runs of messages, each sorted by log time: n messages of m chunks take n log m operations.
 
     Attributes:
         size: memory of the messages, in bytes.

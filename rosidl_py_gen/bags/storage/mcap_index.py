@@ -1,10 +1,11 @@
-"""Index of an MCAP file: its contents and their offsets; and the distribution of its recorder.
+"""Index of an MCAP file, with offsets of its contents, and search for the ROS distribution of its recorder.
 
-An index is used if its checksum is right and all chunks, channels and schemas that it refers to are in it. Writers may
-omit any of these, and killed recorders omit all; then `walk` creates an index.
+An index is used if its checksum is right and if it contains all chunks, channels and schemas that it refers to. Writers
+may omit any of these, and killed recorders omit all; then the module `walk` creates an index.
 
-rosbag2 writes the distribution into metadata records: Humble ``ROS_DISTRO`` at the start of the file, later
-distributions at its end the contents of ``metadata.yaml``, which has ``ros_distro`` (docs/internals/protocol.md 1.9).
+rosbag2 writes the distribution into metadata records. Humble writes a record ``ROS_DISTRO`` at the start of the file.
+Later distributions write the contents of ``metadata.yaml``, which has ``ros_distro``, at its end
+(docs/internals/protocol.md 1.9).
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.mcap_chunks import Read
 
 _FOOTER = Struct("<BQQQI8s")
-"""Layout of the end of an MCAP file: opcode, length, start of the summary, start of the summary's offsets, checksum of
-the summary, magic bytes."""
+"""Struct layout of the end of an MCAP file: opcode, length, start of the summary, start of the summary's offsets,
+checksum of the summary, magic bytes."""
 _FOOTER_CRC = 12
-"""Bytes from the summary's checksum to the end of the file."""
+"""Number of bytes from the summary's checksum to the end of an MCAP file."""
 _BLOCK_BYTES = 1 << 20
 _METADATA_NAME = "rosbag2"
 _MAX_METADATA_RECORDS = 16
@@ -90,7 +91,10 @@ class Index:
     other: OtherRecords = field(default_factory=OtherRecords)
 
     def add_records(self, records: Iterable[tuple[int, bytes | bytearray]]) -> None:
-        """Add schema and channel records; raise `BagError`, and add none, if one contradicts a known record."""
+        """Add schema and channel records to the index.
+
+        If a record contradicts a known record, no record is added, and `BagError` is raised.
+        """
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
         for opcode, body in records:
@@ -105,14 +109,16 @@ class Index:
         self.channels.update(channels)
 
     def count(self, messages: Mapping[int, int]) -> None:
-        """Add numbers of messages by channel id to the counts."""
+        """Add message counts, given by channel id, to the counts in the index."""
         if self.counts is not None:
             for channel, count in messages.items():
                 self.counts[channel] = self.counts.get(channel, 0) + count
 
 
 def _require_same(before: Schema | Channel, now: Schema | Channel) -> None:
-    """Raise `BagError` if two schema or channel records with one id differ; messages would be decoded wrongly."""
+    """Raise `BagError` if two schema or channel records with the same id differ, because messages would be decoded
+    wrongly.
+    """
     if before != now:
         kind = type(now).__name__.lower()
         raise BagError(f"damaged: {kind} {now.id} has two different definitions")
@@ -143,7 +149,10 @@ def checksum(read: Read, start: int, end: int) -> int:
 
 
 def _is_complete(stated: Summary) -> bool:
-    """Return True if an MCAP summary lists each chunk, channel and schema; the package `mcap` does not check this."""
+    """Return True if the summary of an MCAP file lists every chunk, channel and schema.
+
+    The package `mcap` does not check this.
+    """
     statistics, chunks, channels = stated.statistics, stated.chunk_indexes, stated.channels
     if len({one.chunk_start_offset for one in chunks}) != len(chunks):
         return False
@@ -205,7 +214,9 @@ def recorded_distro(stream: IO[bytes], size: int) -> str:
 
 
 def _metadata_records(stream: IO[bytes], size: int) -> Iterator[bytes]:
-    """Yield the bodies of metadata records at the start of an MCAP file, then of indexed ones of rosbag2."""
+    """Yield the contents of the metadata records at the start of an MCAP file, then of the indexed records
+    of rosbag2.
+    """
     at = len(MCAP0_MAGIC)
     for _ in range(_MAX_METADATA_RECORDS):
         opcode, length = _head(stream, at)

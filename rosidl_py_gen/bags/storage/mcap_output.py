@@ -1,7 +1,7 @@
 """Writer of the records of one MCAP file, with an index and statistics.
 
-Messages are collected in chunks. Attachments and metadata records are written between chunks. The index is made of
-serialized records, so that it takes no more memory than in the file.
+Messages are collected in chunks. Attachments and metadata records are written between chunks. The index is collected in
+serialized form, so it takes no more memory than its size in the file.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class McapOutput:
     def add_message(
         self, channel: int, sequence: int, log_time: int, publish_time: int, data: bytes, is_compressed: bool = True
     ) -> None:
-        """Add a message to the current chunk, which is written when it has reached its size.
+        """Add a message to the current chunk; the chunk is written to the file when it has reached its size.
 
-        `is_compressed` is False to store a chunk that this message ends without compression.
+        If this message completes the chunk, `is_compressed=False` stores the chunk without compression.
         """
         chunk = self._chunk
         at = len(chunk)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
 _TABLES = "messages", "topics", "message_definitions", "schema", "metadata"
-"""Names of the tables of rosbag2 that are read."""
+"""Names of the SQLite tables of rosbag2 that the reader reads."""
 _MAX_METADATA_BYTES = 1 << 20
 """Maximum size of a stored ``metadata.yaml`` that is read, as for MCAP files."""
 JOURNALS = "-wal", "-journal"
@@ -31,7 +31,7 @@ _JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
 """First bytes of a rollback journal, and last bytes of a journal that belongs to several databases."""
 _MAX_TIME = (1 << 63) - 1
 _Definition: TypeAlias = "tuple[str, str, str, bytes | None]"
-"""Hash, text and encoding of a definition, and the bytes of the definition if they are not text."""
+"""Definition in a SQLite bag: hash, text, encoding, and the bytes of the definition if they are not valid text."""
 
 
 class SqliteFile(Storage):
@@ -73,7 +73,9 @@ class SqliteFile(Storage):
         return _connect(copied, "mode=rw")
 
     def _require_tables(self) -> None:
-        """Raise `BagError` if a table of rosbag2 is a view, virtual or generated: it could have endless rows."""
+        """Raise `BagError` if a table of rosbag2 is an SQL view, virtual or generated, because such a table could have
+        endless rows.
+        """
         for name, type_name, text in self._database.execute("select lower(name), type, lower(sql) from sqlite_master"):
             if name in _TABLES and (type_name != "table" or "virtual" in str(text)):
                 raise BagError(f"{self._path}: {name} is a view or virtual table; expected a plain table")
@@ -209,16 +211,19 @@ class SqliteFile(Storage):
 
 
 def _pick_definition(texts: list[_Definition], type_hash: str) -> tuple[str, str, bytes | None]:
-    """Return text, encoding and bytes of the definition with a hash; without hash, only if it is unambiguous.
+    """Return text, encoding and bytes of the definition with a hash.
 
-    Returns empty values and None if no definition fits.
+    If no definition has the hash, a definition without hash is returned, or any definition if `type_hash` is empty,
+    provided that there is only one. Returns empty values and None otherwise.
     """
     fitting = [one for one in texts if one[0] == type_hash] or [one for one in texts if not (one[0] and type_hash)]
     return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "", None)
 
 
 def _placeholder_topic(key: object, count: int | None = None) -> BagTopic:
-    """Return a topic for a topic id that no row defines, so that its messages are counted and readable as bytes."""
+    """Return a topic for messages whose topic id is in no row of the topics table, so that they are counted and
+    readable as bytes.
+    """
     return BagTopic(f"(no topic has id {key!r})", "", count=count)
 
 

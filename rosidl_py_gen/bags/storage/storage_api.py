@@ -1,7 +1,7 @@
-"""Interface of the readers of bag files; merging of messages, channels and split times of several files.
+"""Interface of the readers of bag files, and functions that merge messages and channels of several files.
 
-Every message refers to the channel it was written to, because a topic may have been recorded with several definitions.
-Any exception that a library raises over damaged files becomes a `BagError` that names the file.
+Every message refers to the channel to which it was written, because a topic may have been recorded with several
+definitions. Any exception that a library raises for damaged files becomes a `BagError` that names the file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 K = TypeVar("K")
 MAX_TIME = (1 << 64) - 1
-"""Maximum log time of MCAP in nanoseconds; SQLite stores half of the range."""
+"""Maximum log time in nanoseconds that MCAP can store (2**64 - 1); SQLite stores half of this range."""
 MAX_UNPACKED_BYTES = 1 << 30
 """Default limit in bytes of data that is decompressed at once."""
 LOG_TIME = itemgetter(2)
@@ -68,17 +68,21 @@ class BagChannel:
 
 
 _NO_CHANNEL = BagChannel(BagTopic("", ""))
-"""Channel of the placeholder that stands for a file until its first log time."""
+"""Channel of placeholder messages, which keep the merge of several files from reading a file before its first log time.
+"""
 RawTuple: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int, int]"
-"""Channel, data, log time, publish time and sequence number of a stored message; a plain tuple takes a third of the
-time of a class. Large messages are views of their chunk, and so are arrays that are decoded from them."""
+"""Stored message as a tuple of channel, data, log time, publish time and sequence number, which takes a third of the
+time of a class. The data of a large message share the memory of their chunk, and so do arrays that are decoded from
+them."""
 
 
 class MessageBlock(NamedTuple):
-    """Messages of one channel by log time as arrays, with a row for each message, and their bytes in `data`.
+    """Messages of one channel sorted by log time, as arrays with one element for each message.
+
+    `data` has the bytes of all messages.
 
     Attributes:
-        begin, size: offset of each message in `data`, and its size.
+        begin, size: offset of each message in `data`, and its size in bytes.
     """
 
     channel: BagChannel
@@ -89,7 +93,7 @@ class MessageBlock(NamedTuple):
     publish_times: NDArray[np.uint64]
 
     def rows(self, chosen: slice | NDArray[np.int64]) -> MessageBlock:
-        """Return a block with the chosen messages only, which shares `data`."""
+        """Return a block that contains only the chosen messages and shares `data` with this block."""
         begin, size, log_times, publish_times = (one[chosen] for one in self[2:])
         return MessageBlock(self.channel, self.data, begin, size, log_times, publish_times)  # type: ignore[arg-type]
 
@@ -114,7 +118,7 @@ class Storage(Protocol):
         """Return the channels of the file, with message counts if known; a topic may have several channels."""
 
     def ros_distro(self) -> str:
-        """Return the distribution of the recorder that the file states; "" if it states none."""
+        """Return the ROS distribution of the recorder, if the file states it; else ""."""
 
     def unused_schemas(self) -> list[BagTopic]:
         """Return the schemas of the file that no channel uses, as topics without a name."""
@@ -155,18 +159,21 @@ class Storage(Protocol):
         """Yield messages with ``start <= log_time < end`` before decoding, by log time; None means all topics."""
 
     def stored_messages(self) -> Iterator[RawTuple]:
-        """Yield all messages by log time as stored: still compressed if rosbag2 compressed single messages."""
+        """Yield all messages by log time without decompressing messages that rosbag2 compressed one by one."""
         return self.messages(None, 0, MAX_TIME + 1)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
-        """Yield messages with ``start <= log_time < end`` in blocks, ordered by log time for each topic.
+        """Yield messages with ``start <= log_time < end`` in blocks of one channel, ordered by log time for each topic.
 
-        Returns None if blocks could not be in this order.
+        Returns None if the messages cannot be read in this order.
         """
         return None
 
     def segments(self) -> list[tuple[int, int]]:
-        """Return the first log time and size of each segment of the file; [] if that requires reading the file."""
+        """Return first log time and size of each segment of the file (chunk, or messages outside of chunks).
+
+        Returns [] if that requires reading the file.
+        """
         return []
 
     def close(self) -> None:
@@ -187,7 +194,10 @@ def library_errors_as_bag_error(path: Path) -> Iterator[None]:
 
 
 def as_bag_messages(messages: Iterable[RawTuple]) -> Iterator[BagMessage]:
-    """Yield raw messages as `BagMessage` with their bytes; no reference to a chunk stays while the next is read."""
+    """Yield stored messages as `BagMessage` whose message is the CDR bytes.
+
+    No chunk stays in memory while the next is read.
+    """
     make = tuple.__new__  # in half the time of a call of the class
     for channel, data, log_time, publish_time, _ in messages:
         made = make(BagMessage, (channel.topic, bytes(data), log_time, publish_time))
@@ -197,7 +207,7 @@ def as_bag_messages(messages: Iterable[RawTuple]) -> Iterator[BagMessage]:
 
 
 def as_raw_messages(messages: Iterable[RawTuple]) -> Iterator[RawMessage]:
-    """Yield raw messages as `RawMessage` with their bytes; no reference to a chunk stays while the next is read."""
+    """Yield stored messages as `RawMessage`; no chunk stays in memory while the next is read."""
     make = tuple.__new__
     for channel, data, log_time, publish_time, sequence in messages:
         made = make(RawMessage, (channel.info, bytes(data), log_time, publish_time, sequence))
@@ -207,7 +217,7 @@ def as_raw_messages(messages: Iterable[RawTuple]) -> Iterator[RawMessage]:
 
 
 def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
-    """Yield the messages of several bag files, merged by log time; None means all topics."""
+    """Yield the messages of several bag files, merged by log time; `topics=None` selects all topics."""
     if len(files) == 1:
         return files[0].messages(topics, start, end)
     each = []
@@ -219,16 +229,19 @@ def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: i
 
 
 def _open_when_due(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
-    """Yield the messages of a file, which is first read at the first iteration, so that few chunks are in memory."""
+    """Yield the messages of a bag file.
+
+    The file is read only when the first message is requested, so that few chunks are in memory.
+    """
     yield from file.messages(topics, start, end)
 
 
 class TableInput(NamedTuple):
-    """Messages from which a table is made.
+    """Messages of a bag from which a table is made.
 
     Attributes:
-        messages_or_blocks: blocks, ordered for each topic, or messages by log time.
-        decoded: function that decodes raw messages; it raises or skips errors as requested.
+        messages_or_blocks: messages by log time, or blocks of messages that are ordered for each topic.
+        decoded: function that decodes stored messages, and raises or skips errors as the caller requested.
     """
 
     messages_or_blocks: Iterator[MessageBlock] | Iterator[RawTuple]
@@ -238,7 +251,7 @@ class TableInput(NamedTuple):
 def as_table_input(
     files: list[Storage], topics: Collection[str] | None, start: int, end: int
 ) -> Iterator[MessageBlock] | Iterator[RawTuple]:
-    """Return the messages of bag files in blocks if the files do not overlap in time, else one by one by log time."""
+    """Return the messages of bag files as blocks, or one by one by log time if the files overlap in time."""
     due = [(span, file) for file in files if (span := file.span()) is not None and span[0] < end and span[1] >= start]
     due.sort(key=itemgetter(0))
     if not any(one[0][1] > other[0][0] for one, other in pairwise(due)):
@@ -263,12 +276,15 @@ def split_times(files: Iterable[Storage], size: int) -> list[int]:
 
 
 def merge_stored_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:
-    """Return the stored channels of several files without duplicates, with counts added up."""
+    """Return the stored channels of several files without duplicates; message counts of equal channels are added up."""
     return list(_merged(channels, attrgetter("channel_key")).values())
 
 
 def merge_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:
-    """Return one channel for each topic and definition, with counts added up: a file may have several of them."""
+    """Return one channel for each topic and definition, with message counts added up.
+
+    A file may have several equal channels.
+    """
     return sorted(_merged(channels, attrgetter("key")).values(), key=attrgetter("name"))
 
 

@@ -1,12 +1,12 @@
-"""Walk through the records of an MCAP file whose index is missing or incomplete.
+"""Reader of an MCAP file whose index is missing or incomplete: walks through all records and adds them to an index.
 
 One chunk is in memory at a time. The walk ends where the file breaks off: within a record, with zeros, or with a chunk
-whose end is zeros, as after a power cut. Any other damage is an error, or is reported with its topics and times, and
-skipped if the reader skips damaged parts.
+whose end is zeros, as after a power cut. Any other damage raises an error. A reader that skips damaged parts reports
+the damage with its topics and times instead.
 
-Chunks have checksums, so the search for intact data after a damage looks only for chunks. A candidate must be
-consistent: the lengths of its record and of its content agree. A chunk within an MCAP file that is the content of a
-message is not a candidate: its records lead to the end of that file, which is before the end of this one.
+After damage, only chunks are searched for intact data, because chunks have checksums. A candidate must be consistent:
+the lengths of its record and of its content agree. A message may contain a whole MCAP file with chunks. Such a chunk is
+not a candidate; it is recognized because its records lead to the end of the contained file.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _PROGRESS_BYTES = 1 << 20
 _MAX_SEGMENT_BYTES = 1 << 20
-"""Maximum bytes of a segment of messages outside of chunks."""
+"""Maximum size in bytes of a segment, which is a group of consecutive messages outside of chunks."""
 _CRC = struct.Struct("<I")
 _ROSBAG2_NAME = b"\x07\0\0\0rosbag2"
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
@@ -48,21 +48,22 @@ _DATA = (
     *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK),
     *(Opcode.ATTACHMENT, Opcode.METADATA),
 )
-"""Opcodes of records that contain data: an unfinished one at the end counts as loss, an unfinished index record does
-not."""
+"""Opcodes of MCAP records that contain data. If the file ends within such a record, its bytes count as lost; an
+unfinished index record does not count."""
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
-"""First bytes of the records that may follow the data; b"" if the file ends after the data."""
+"""Possible bytes after the data section of an MCAP file: opcodes of summary and footer records, or b"" if the file ends
+there."""
 _HEAD = struct.Struct("<BQQQQII")
-"""Layout of the start of a chunk record: opcode, length, first and last log time, size, checksum, length of the
-compression's name, which follows."""
+"""Struct layout of the start of a chunk record: opcode, length, first and last log time, size, checksum, length of the
+name of the compression."""
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _MAX_HEAD = _HEAD.size + 4 + 8
 _CANDIDATE = re.compile(rb"\x06(?=.{5}\0\0\0)", re.DOTALL)
-"""Pattern of opcode and length of a chunk record that is shorter than 2**40 bytes."""
+"""Regular expression for the opcode and length of a chunk record that is shorter than 2**40 bytes."""
 _WINDOW = 1 << 20
 _FIRST_PRIVATE = 0x80
 _INDEX = struct.Struct("<BQH")
-"""Layout of the start of a message index record: opcode, length, channel."""
+"""Struct layout of the start of a message index record: opcode, length, channel."""
 
 
 class DamagedRange(NamedTuple):
@@ -82,7 +83,7 @@ class DamagedRange(NamedTuple):
 
 
 OnDamage = Callable[[DamagedRange], None]
-"""Function that records a damaged range of an MCAP file, or raises `BagError`."""
+"""Callback for a damaged range of an MCAP file; it records the range, or raises `BagError`."""
 
 
 class Walk:
@@ -111,7 +112,9 @@ class Walk:
         self._doubtful_from: int | None = None
 
     def run(self, start: int, end: int) -> None:
-        """Add the records from `start` to `end`, or to where the file breaks off, to the index."""
+        """Add the records from offset `start` to offset `end`, or to the place where the file breaks off,
+        to the index.
+        """
         at, self._end = start, end
         reported = start
         while at < end:
@@ -167,13 +170,17 @@ class Walk:
         return after
 
     def _report_doubtful(self, at: int) -> None:
-        """Report messages outside of chunks as damaged if they followed a damaged part and end before `at`."""
+        """Report messages outside of chunks that follow a damaged part and end before offset `at` as damaged, because
+        they have no checksum.
+        """
         if self._doubtful_from is not None:
             self._skip(self._doubtful_from, at, BagError("messages after a damaged part, which have no checksum"))
             self._doubtful_from = None
 
     def _breaks_off(self, opcode: int, at: int) -> bool:
-        """Return True if the file breaks off at `at`: it ends within a record, or with the zeros of a power cut."""
+        """Return True if the file ends within the record at offset `at`, or has only zeros from there on, as after a
+        power cut.
+        """
         if self._is_closed():
             return False
         if not opcode:
@@ -186,7 +193,10 @@ class Walk:
         return True
 
     def _truncated_size(self, at: int) -> int:
-        """Return the lost bytes of an unfinished record at the end of the file; 0 for index and rosbag2 metadata."""
+        """Return the number of lost bytes if the file ends within the record at `at`.
+
+        Returns 0 for records of the index or of rosbag2's metadata.
+        """
         start = self._read(at, RECORD.size + len(_ROSBAG2_NAME))
         if start[:1] == bytes([Opcode.METADATA]) and start[RECORD.size :] == _ROSBAG2_NAME:
             return 0
@@ -196,7 +206,10 @@ class Walk:
         return self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
     def _continues(self, at: int) -> bool:
-        """Return True if chunks follow after a record that exceeds the file, whose length must then be damaged."""
+        """Return True if intact chunks follow a record that reaches beyond the end of the file.
+
+        Its length must be damaged then.
+        """
         if ChunkHead.at(self._read, at) is not None:
             return False
         return next_chunk(self._read, at + 1, self._size, self._size) < self._size
@@ -213,7 +226,10 @@ class Walk:
         return self._end
 
     def _check_crc(self, at: int, length: int) -> None:
-        """Raise `BagError` if the checksum of all data is wrong; records outside of chunks have no other checksum."""
+        """Raise `BagError` if the checksum of the data section is wrong.
+
+        Records outside of chunks have no checksum of their own.
+        """
         if not self._chunks.validate_crcs or length != _CRC.size:
             return
         (expected,) = _CRC.unpack(self._read(at + RECORD.size, _CRC.size))
@@ -221,7 +237,10 @@ class Walk:
             raise BagError("damaged: the checksum of its messages is wrong")
 
     def _add_other_record(self, opcode: int, at: int, after: int) -> int:
-        """Add a record other than a message to the index; return its end, or -1 if the file breaks off within it."""
+        """Add a record that is not a message to the index.
+
+        Returns the offset after the record, or -1 if the file ends within the record.
+        """
         head = ChunkHead.at(self._read, at)
         body = at + RECORD.size
         try:
@@ -248,7 +267,10 @@ class Walk:
         return after
 
     def _add_unfinished_chunk(self, at: int) -> None:
-        """Add the whole records of the chunk at `at`, within which the file breaks off; add none if one is damaged."""
+        """Add the whole records of a chunk to the index, if the file ends within the chunk at `at`.
+
+        If a record is damaged, no record is added.
+        """
         body = at + RECORD.size
         segment = MessageSegment(body, self._size, True, 0, 0, is_finished=False)
         try:
@@ -283,9 +305,10 @@ def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
 
 
 def _add_chunk(some: Iterator[bytes | bytearray], segment: MessageSegment, index: Index) -> None:
-    """Add the contents of a chunk, given in blocks, to the index; raise `BagError` and add nothing if it is damaged.
+    """Add the contents of a chunk, which are given in blocks, to the index.
 
-    `segment` has the place of the chunk; its times and channels are found here.
+    If the chunk is damaged, nothing is added, and `BagError` is raised.
+    `segment` has the offset of the chunk; this function sets its times and channels.
     """
     first, last, counts, unknown = MAX_TIME, -1, dict[int, int](), 0
     definitions: list[tuple[int, bytes | bytearray]] = []
@@ -316,7 +339,7 @@ def _add_segment(index: Index, segment: MessageSegment) -> None:
 
 
 class _UnchunkedMessages:
-    """Messages outside of chunks, which are combined to segments of about a megabyte."""
+    """Collector of messages outside of chunks, which are combined into segments of about a megabyte."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
@@ -330,7 +353,9 @@ class _UnchunkedMessages:
         self._last = at, after, channel, log_time
 
     def drop_unfinished(self, last_byte: bytes) -> None:
-        """Drop the last message if it ends with a zero itself and is followed by the zeros of a power cut."""
+        """Drop the last message if it ends with zeros that may come from a power cut, because more zeros follow until
+        the end of the file.
+        """
         if last_byte == b"\0":
             self._last = None
 
@@ -376,12 +401,18 @@ class ChunkHead(NamedTuple):
 
     @classmethod
     def at(cls, read: Read, at: int) -> Self | None:
-        """Return the chunk record that starts at an offset, ignoring its opcode; None if its lengths do not agree."""
+        """Return the start of the chunk record at an offset of the file, whatever its opcode.
+
+        Returns None if its lengths do not agree.
+        """
         return cls.within(read(at, _MAX_HEAD), 0, at)
 
     @classmethod
     def within(cls, data: bytes, start: int, at: int) -> Self | None:
-        """Return the chunk record at `start` of `data`, which is at `at` of the file; None if its lengths disagree."""
+        """Return the start of the chunk record at index `start` of `data`, which is at offset `at` of the file.
+
+        Returns None if the lengths in the record do not agree.
+        """
         if len(data) < start + _HEAD.size + 8:
             return None
         _, length, first, last, _, _, name = _HEAD.unpack_from(data, start)
@@ -395,9 +426,10 @@ class ChunkHead(NamedTuple):
 
 
 def next_chunk(read: Read, at: int, end: int, size: int) -> int:
-    """Return the offset of the next intact-looking chunk from `at` on; `end` if none starts before `end`.
+    """Return the offset of the next chunk at or after `at` that looks intact.
 
-    `size` is the size of the file. Chunks of an MCAP file embedded in a message are skipped.
+    Returns `end` if no such chunk starts before `end`. `size` is the size of the file. If a message contains an MCAP
+    file, the chunks of the contained file are skipped.
     """
     while at < end:
         window = read(at, min(_WINDOW, end - at) + _MAX_HEAD)
@@ -416,7 +448,9 @@ def next_chunk(read: Read, at: int, end: int, size: int) -> int:
 
 
 def _embedding_end(read: Read, at: int, size: int) -> int:
-    """Return the end of an embedded MCAP file whose records continue at `at`; 0 if they belong to the file itself."""
+    """Return the end of an MCAP file contained in a message, if the records from offset `at` on belong to
+    it; else 0.
+    """
     while at + RECORD.size <= size:
         head = read(at, _MAX_HEAD)
         if head.startswith(MCAP0_MAGIC):
@@ -446,5 +480,5 @@ def indexed_channels(read: Read, at: int, size: int) -> set[int] | None:
 
 
 def are_zeros(read: Read, at: int, size: int) -> bool:
-    """Return True if a file has only zeros from `at` to its end, as after a power cut, or ends at `at`."""
+    """Return True if a file has only zero bytes from `at` to its end, as after a power cut, or ends at `at`."""
     return not any(read(start, _WINDOW).strip(b"\0") for start in range(at, size, _WINDOW))

@@ -63,7 +63,7 @@ class ZstdCompressor:
 
 
 class ZstdDecompressor:
-    """Zstd decompressor that threads may share, as each frame has an object of its own."""
+    """Zstd decompressor that several threads may use at the same time: it uses a separate object for each frame."""
 
     def __init__(self, max_window_size: int = 1 << _DEFAULT_WINDOW_LOG) -> None:
         self._window_log = max_window_size.bit_length() - 1
@@ -95,7 +95,7 @@ class ZstdDecompressor:
 
 
 class _StreamReader:
-    """Reader of the decompressed data of one zstd frame, or of all frames; the source may end within a frame."""
+    """Readable stream of the decompressed data of one zstd frame, or of all frames; the data may end within a frame."""
 
     def __init__(self, source: _Source, read_size: int, all_frames: bool, window_log: int) -> None:
         self._source, self._read_size, self._all_frames = source, read_size, all_frames
@@ -103,7 +103,7 @@ class _StreamReader:
         self._frame: Any = zstd.ZstdDecompressor(options=self._options)
 
     def read(self, size: int) -> bytes:
-        """Return `size` decompressed bytes, fewer at the end."""
+        """Return `size` decompressed bytes; at the end of the data, fewer bytes."""
         pieces, left = [], size
         while left > 0:
             more = b""

@@ -1,1 +1,3 @@
-"""Message classes that behave like rclpy's, with the codec of all generated messages."""
+"""Message classes that behave like the classes of a ROS installation, with the CDR codec that all generated messages
+use.
+"""

@@ -54,7 +54,7 @@ _bools = sequence_converter("?")
 
 
 def buffer_of_bools(value: object) -> Any:
-    """Return the value of a sequence of bools as a buffer with one byte for each; raises `FieldValueError`."""
+    """Return a sequence of bools as a buffer with one byte for each bool; raises `FieldValueError` for other values."""
     try:
         return bytes([BOOL_BYTE[item] for item in value]) if type(value) is list else _bools(value)
     except Exception:  # also of a `__hash__` of the caller
@@ -73,12 +73,15 @@ def list_of_bools(view: Buffer, count: int, at: int) -> list[bool]:
 
 
 def list_of_bytes(view: Buffer, count: int, at: int) -> list[bytes]:
-    """Return `count` bytes at the offset `at` as a list of bytes of length 1."""
+    """Return `count` bytes at the offset `at` as a list of 1-byte bytes objects."""
     return [BYTES[number] for number in _slice(view, count, at)]
 
 
 def joined_bytes(value: Any) -> bytes:
-    """Return the joined elements of a list of bytes of length 1; raises `FieldValueError` for a wrong element."""
+    """Return the elements of a list of 1-byte bytes objects joined to one bytes object.
+
+    Raises `FieldValueError` for other elements.
+    """
     if not isinstance(value, (list, tuple)):
         value = as_list(value)
         if not isinstance(value, list):
@@ -90,7 +93,10 @@ def joined_bytes(value: Any) -> bytes:
 
 
 def fixed_bytes(value: Any, count: int) -> bytes:
-    """Return the joined elements of a list of exactly `count` bytes of length 1; raises `FieldValueError` otherwise."""
+    """Return the elements of a list of `count` 1-byte bytes objects joined to one bytes object.
+
+    Raises `FieldValueError` for other elements or another number of elements.
+    """
     joined = joined_bytes(value)
     if len(joined) != count:
         raise FieldValueError(f"expected exactly {count} elements, found {len(joined)}")
@@ -105,7 +111,10 @@ def as_list(value: Any) -> Any:
 
 
 def to_array(value: Any, code: str) -> array[Any]:
-    """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of this type is copied at once."""
+    """Return ``array.array(code, value)``, as the setters of rclpy's messages do.
+
+    A numpy array of the same type is copied in one piece.
+    """
     kind = type(value)
     is_array = kind is not list and kind is not tuple and kind is np.ndarray
     if is_array and value.ndim == 1 and value.dtype is DTYPES[code]:

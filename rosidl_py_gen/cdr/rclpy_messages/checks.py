@@ -1,6 +1,7 @@
-"""Checks of values that are assigned to message fields, as in rclpy if ROS_PYTHON_CHECK_FIELDS is 1, with its texts.
+"""Checks of values that programs assign to message fields, with the rules and error texts of rclpy for
+ROS_PYTHON_CHECK_FIELDS=1.
 
-These checks differ from the checks of encoding: an int is not a float, a set may be a sequence.
+These checks differ from the checks of encoding: an int is not a float, and a set may be a sequence.
 """
 
 from __future__ import annotations
@@ -110,7 +111,10 @@ def _is_right_array(field: Field, value: Any) -> bool:
 
 
 def _check_many(field: Field, value: Any) -> bool:
-    """Check a collection that is not an array; raise AssertionError if it is invalid, else return False: convert it."""
+    """Check a collection that is not an array for a field; raise AssertionError if it is invalid.
+
+    Returns False, which means that the collection must be converted before it is stored.
+    """
     kind, python, code = field.type, _python_type(field), _number_code(field.type)
     lengths = {Arity.ARRAY: f" with length {kind.capacity}", Arity.BOUNDED: f" with length <= {kind.capacity}"}
     text = f"The '{field.py_name}' field must be a set or sequence{lengths.get(kind.arity, '')} and each value of type "

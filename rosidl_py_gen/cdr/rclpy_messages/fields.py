@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 CHECK = os.environ.get("ROS_PYTHON_CHECK_FIELDS") == "1"
 _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
 _RESERVED = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
-"""Names of fields whose attribute with an underscore would replace a method of our message classes."""
+"""Names of fields whose storage attribute, the name with an underscore, would replace a method of the message classes.
+"""
 
 IDL_NAMES = {
     "bool": "boolean",
@@ -33,12 +34,16 @@ IDL_NAMES = {
 
 
 def slot_name(name: str) -> str:
-    """Return the attribute that stores a field in a message of rclpy's kind, by the field's Python name."""
+    """Return the name of the attribute that stores a field in a message class of rclpy's API, given the field's Python
+    name.
+    """
     return f"_{name}_" if name in _RESERVED else f"_{name}"
 
 
 def idl_text(kind: FieldType) -> str:
-    """Return the type of a field as `get_fields_and_field_types` has it, such as ``sequence<std_msgs/Header, 3>``."""
+    """Return the type of a field in the form that `get_fields_and_field_types` returns, such as
+    ``sequence<std_msgs/Header, 3>``.
+    """
     if kind.is_message:
         package, _, name = kind.base.split("/")
         text = f"{package}/{name}"
@@ -56,7 +61,7 @@ def idl_text(kind: FieldType) -> str:
 
 
 class FieldSlot(NamedTuple):
-    """Field of a message class of rclpy's kind, with its access functions.
+    """Field of a message class of rclpy's API, with the functions that read and assign it.
 
     Attributes:
         get, put: descriptor functions of the slot, without conversion.
@@ -74,7 +79,10 @@ class FieldSlot(NamedTuple):
 
 
 def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
-    """Return the access functions of a field; `default` is the default value in the definition, or None."""
+    """Return the functions that read and assign a field of a message class of rclpy's API.
+
+    `default` is the default value in the definition, or None.
+    """
     member = cls.__dict__[slot_name(field.py_name)]
     kind = field.type
     code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""
@@ -132,7 +140,8 @@ def property_of(slot: FieldSlot) -> property:
 
 
 def to_plain(slot: FieldSlot, value: Any) -> Any:
-    """Return a field's value of rclpy's kind as in native classes: integers for bytes, lists for collections.
+    """Convert a field's value in a message of rclpy's API to the form of native classes: integers for bytes, lists for
+    collections.
 
     Raises `FieldValueError` for a wrong element of type byte.
     """
@@ -147,9 +156,9 @@ def to_plain(slot: FieldSlot, value: Any) -> Any:
 
 
 def from_plain(slot: FieldSlot, value: Any) -> Any:
-    """Return a field's value of native classes as rclpy's kind; a value that does not fit stays unchanged.
+    """Convert a field's value from the form of native classes to the form of rclpy's API.
 
-    Such a value fails when the message is encoded.
+    A value that does not fit stays unchanged; encoding the message then fails.
     """
     kind = slot.field.type
     if kind.base == "byte":

@@ -1,6 +1,6 @@
 """Base classes of messages, services and actions that behave like the classes of a ROS installation.
 
-Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/peers/rclpy_messages` compares with.
+Source: the message classes that rosidl_generator_py of Jazzy generates; `tests/peers/rclpy_messages` compares both.
 """
 
 from __future__ import annotations
@@ -40,16 +40,18 @@ class RclpyMeta(type):
 
     @classmethod
     def __import_type_support__(cls) -> None:
-        """Do nothing: rclpy loads a C library here, which these classes do not need."""
+        """Do nothing, for programs that call this method of rclpy: rclpy loads a C library here, which these classes do
+        not need.
+        """
 
 
 def metaclass(name: str, module: str) -> type[RclpyMeta]:
-    """Return a new metaclass for the message class `name`."""
+    """Return a new metaclass for the message class `name`, as in rclpy each message class has its own."""
     return type(f"Metaclass_{name}", (RclpyMeta,), {"__module__": module})
 
 
 def _complete(cls: Any, namespace: dict[str, Any]) -> None:
-    """Add properties, defaults and read-only constants to a message class, from its table of fields."""
+    """Add properties, defaults and read-only constants to a message class of rclpy's API, from its table of fields."""
     defaults = namespace["_DEFAULTS"]
     fields = cls._TYPE.fields
     cls._SLOTS = {field.py_name: field_slot(cls, field, defaults.get(field.ros_name)) for field in fields}
@@ -108,7 +110,10 @@ def _slot_type(kind: FieldType, types: Any) -> Any:
 
 
 class RclpyMessage(Message):
-    """Base of message classes of rclpy's kind. Fields are passed by name; assigned values are converted as in rclpy."""
+    """Base class of message classes of rclpy's API.
+
+    Fields are passed by name, and assigned values are converted as in rclpy.
+    """
 
     __slots__ = ("_CHECK",)
     __hash__ = None
@@ -121,7 +126,10 @@ class RclpyMessage(Message):
     )
 
     def __init__(self, **kwargs: Any) -> None:
-        """Set fields from arguments; an unknown argument is ignored, or raises AssertionError if checked."""
+        """Set the fields from keyword arguments.
+
+        As in rclpy, an unknown argument is ignored, or raises AssertionError if fields are checked.
+        """
         self._CHECK = checked = kwargs.get("check_fields", CHECK)
         if checked and (unknown := sorted(kwargs.keys() - self._SLOTS.keys() - {"check_fields"})):
             raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(unknown)}")
@@ -191,14 +199,16 @@ def _value_repr(one: FieldSlot, value: Any) -> str:
 
 
 class RclpyService(Service[Any, Any]):
-    """Base of service classes of rclpy's kind."""
+    """Base class of service classes of rclpy's API."""
 
     def __init__(self) -> None:
         raise NotImplementedError("Service classes can not be instantiated")
 
 
 class RclpyAction(Action[Any, Any, Any]):
-    """Base of action classes of rclpy's kind; the nested `Impl` has the action's services and messages."""
+    """Base class of action classes of rclpy's API; the nested class `Impl` contains the action's services
+    and messages.
+    """
 
     def __init__(self) -> None:
         raise NotImplementedError("Action classes can not be instantiated")

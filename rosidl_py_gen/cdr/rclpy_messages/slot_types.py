@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 @dataclass(slots=True, repr=False)
 class AbstractType:
-    """Base of all types of fields; two types are equal if their class and attributes are equal."""
+    """Base class of all types of fields in `SLOT_TYPES`; two types are equal if their class and attributes
+    are equal.
+    """
 
 
 @dataclass(slots=True, repr=False)
@@ -22,7 +24,7 @@ class AbstractNestableType(AbstractType):
 
 @dataclass(slots=True, repr=False)
 class BasicType(AbstractNestableType):
-    """Number, boolean, octet or character type; `typename` is its name in IDL, such as ``double``."""
+    """Field type of a number, boolean, octet or character; `typename` is its name in IDL, such as ``double``."""
 
     typename: str
 
@@ -36,7 +38,7 @@ class NamedType(AbstractNestableType):
 
 @dataclass(slots=True, repr=False)
 class NamespacedType(AbstractNestableType):
-    """Message type; `namespaces` has its package and kind (``msg``)."""
+    """Field type of a message; `namespaces` has its package and kind (``msg``)."""
 
     namespaces: Sequence[str]
     name: str
@@ -98,7 +100,7 @@ class Array(AbstractNestedType):
 
 @dataclass(slots=True, repr=False)
 class AbstractSequence(AbstractNestedType):
-    """Base of sequence types, bounded or not."""
+    """Base class of the sequence types of fields, bounded or not."""
 
 
 @dataclass(slots=True, repr=False)

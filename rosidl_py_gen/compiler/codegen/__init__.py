@@ -1,1 +1,4 @@
-"""Code generation from checked definitions: layout plan, encoder and decoder, template. Enter by `module_sources`."""
+"""Code generation from checked definitions: layout plan, encoder and decoder, template.
+
+The entry point is the module `module_sources`.
+"""

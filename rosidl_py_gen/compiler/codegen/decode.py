@@ -1,8 +1,8 @@
-"""Generator of the decoder of a message as Python source.
+"""Generator of the Python source that decodes a message.
 
-In generated code, ``raw`` is the data that scalars and strings are read from, ``view`` the data that array views refer
-to, and ``pos`` the offset of the next byte in the data: the plan's position plus the 4 bytes of the header. A position
-that is known statically is emitted as a number.
+In generated code, ``raw`` is the data from which scalars and strings are read, and ``view`` is the data whose memory
+arrays share. ``pos`` is the offset of the next byte in the data, including the 4 bytes of the header. An offset that
+does not depend on the message is emitted as a number.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 
 
 class DecoderView(NamedTuple):
-    """Generated decoder of a message, as values for the module template.
+    """Generated decoder of a message, as values for the template of the generated module.
 
     Attributes:
         body: the statements of the decoder.
-        uses_view: the statements take array views, so the generated code needs ``view`` in addition to ``raw``.
-        checks_header: the first run reads the encapsulation header as well.
+        uses_view: the statements make arrays that share the memory of the data, so the generated code needs the
+            variable ``view`` in addition to ``raw``.
+        checks_header: the first struct call also reads the encapsulation header of the CDR data.
         bulk: the message has numeric sequences, which may have megabytes, so a buffer that is not bytes is never
             copied. ``raw`` may then be a memoryview, from which strings are read a little slower.
         structured_arrays: sequences and arrays of fixed-size messages become structured arrays if ``arrays`` is true.
@@ -42,7 +43,11 @@ class DecoderView(NamedTuple):
 
 
 def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
-    """Return the generated decoder of a planned message; of an outlined message, the body of `_read`."""
+    """Return the generated decoder of a message.
+
+    If other messages call the decoder of this message instead of containing its code, the result is the body of
+    `_read`.
+    """
     first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
     with_header = not plan.outlined and isinstance(first, ir.PackedRun)
     bulk = not plan.outlined and any(isinstance(step, ir.NumberArray) for step in plan.steps)
@@ -55,10 +60,10 @@ def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes
 
 @dataclass(slots=True)
 class _DecoderEmitter:
-    """Emitter of the statements of one decoder.
+    """Emitter of the statements of one generated decoder.
 
     Attributes:
-        header: the next run starts with the encapsulation header.
+        header: the next struct call also reads the encapsulation header.
         is_after_string: the position is ``end + 1``, after the NUL of a string, and ``pos`` is not updated yet.
         objects: local variables of nested messages and elements, by object number.
         counts: local variables of lengths, by field.
@@ -83,7 +88,10 @@ class _DecoderEmitter:
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
     def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
-        """Return the statements that decode layout steps; with `keep_pos`, ``pos`` ends after the last step."""
+        """Return the statements that decode a list of layout steps.
+
+        With `keep_pos`, the variable ``pos`` is up to date at their end.
+        """
         out: list[str] = []
         reading = [not isinstance(step, ir.InlineMessage | ir.StringTerminator) for step in steps]
         last = max((index for index, is_reading in enumerate(reading) if is_reading), default=-1)
@@ -101,7 +109,10 @@ class _DecoderEmitter:
             out.append("pos = end + 1")
 
     def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
-        """Append the statements that decode a step to `out`; `needed` is True if a later step uses ``pos``."""
+        """Append the statements that decode one step of the layout plan to `out`.
+
+        `needed` is True if a later step reads ``pos``.
+        """
         match step:
             case ir.InlineMessage():
                 self.create(step, out)
@@ -142,7 +153,10 @@ class _DecoderEmitter:
     # --- position -------------------------------------------------------------------------------------------------
 
     def align(self, align: int, count: str, out: list[str]) -> None:
-        """Emit the alignment of ``pos``, only for elements whose `count` is not 0 unless `count` is empty."""
+        """Emit the statement that aligns ``pos``.
+
+        If `count` is not empty, the statement aligns only if the number of elements is not 0.
+        """
         # `align_offset`; up to the size of the header the header does not matter.
         name, more = ("end", 1) if self.is_after_string else ("pos", 0)
         self.is_after_string = False
@@ -205,7 +219,9 @@ class _DecoderEmitter:
         return self.api.numbers(code, count, at, is_array=is_array)
 
     def count(self, ref: ir.Ref, kind: FieldType, out: list[str]) -> str:
-        """Return the expression of the number of elements, and emit the check of the bound of a bounded sequence."""
+        """Return the expression for the number of elements, and emit the check of the maximum length of a bounded
+        sequence.
+        """
         if kind.arity is Arity.ARRAY:
             return str(kind.capacity)
         if kind.arity is Arity.BOUNDED:
@@ -232,7 +248,10 @@ class _DecoderEmitter:
             self.move(at, str(step.item_size * int(count)) if count.isdigit() else size, out)
 
     def padded(self, step: ir.NumberArray | ir.Loop, count: str, out: list[str]) -> str:
-        """Emit the padding, which exists only before elements, and return the position of the first element."""
+        """Emit the statements that skip the padding before elements, and return the position of the first element.
+
+        Padding exists only if there is an element.
+        """
         at = self.at(step.start)
         is_array = step.type.arity is Arity.ARRAY
         if step.align > 1:
@@ -320,5 +339,7 @@ class _DecoderEmitter:
 
 
 def _has_static_end(step: ir.NumberArray | ir.Loop) -> bool:
-    """Return True if the step after a number array or loop has a static position, so ``pos`` need not be updated."""
+    """Return True if the position after a number array or loop is known at generation time, so ``pos`` need not be
+    updated.
+    """
     return step.type.arity is Arity.ARRAY and step.start.static is not None

@@ -1,8 +1,8 @@
-"""Generator of the encoder of a message as Python source.
+"""Generator of the Python source that encodes a message.
 
-A message without loops is one join of packed runs and contents. With loops, the segments are collected in a list. In
-generated code, ``pos`` is the position after the emitted segments, counted from the alignment origin; it is updated
-only where a later statement reads it.
+A message without loops is encoded by one join of packed values and variable contents. For a message with loops, the
+generated code collects the encoded segments in a list. In generated code, ``pos`` is the position after the emitted
+segments, counted from the origin of CDR alignment; ``pos`` is updated only where a later statement reads it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ Content = ir.StringContent | ir.NumberArray | ir.StringArray | ir.Loop
 
 
 class EncoderView(NamedTuple):
-    """Generated encoder of a message for the module template: its statements, and the expression of the encoded bytes.
+    """Generated encoder of a message for the template of the module: its statements, and the expression of the encoded
+    bytes.
 
     `result` is empty if the statements append the encoded segments to a list.
     """
@@ -35,7 +36,11 @@ class EncoderView(NamedTuple):
 
 
 def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
-    """Return the generated encoder of a planned message; of an outlined message, the body of `_write`."""
+    """Return the generated encoder of a message.
+
+    If other messages call the encoder of this message instead of containing its code, the result is the body of
+    `_write`.
+    """
     collect = plan.outlined or any(isinstance(step, ir.Loop | ir.NestedCall) for step in plan.steps)
     emitter = _EncoderEmitter(api, structs, classes, collect, header=not plan.outlined)
     emitter.objects[0] = "self"
@@ -56,7 +61,7 @@ def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes
 
 
 def _literal(data: bytes) -> str:
-    """Return the bytes literal of a header, terminator or padding as Python source."""
+    """Return the Python source of a bytes literal for a header, terminator or padding."""
     return 'b"' + "".join(f"\\{byte:o}" for byte in data) + '"'
 
 
@@ -77,12 +82,12 @@ def _reads_pos(step: ir.LayoutStep) -> bool:
 
 @dataclass(slots=True)
 class _EncoderEmitter:
-    """Emitter of the statements of one encoder.
+    """Emitter of the statements of one generated encoder.
 
     Attributes:
         collect: the generated code appends segments to a list; otherwise the emitter collects the segments'
             expressions, and the generated code joins them at the end.
-        header: the next run starts with the encapsulation header.
+        header: the next struct call also writes the encapsulation header.
         objects: local variables of nested messages and elements, by object number.
         values: local variables of converted contents, by field.
     """
@@ -104,7 +109,10 @@ class _EncoderEmitter:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
     def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
-        """Return the statements that encode layout steps; with `keep_pos`, ``pos`` ends after the last step."""
+        """Return the statements that encode a list of layout steps.
+
+        With `keep_pos`, the variable ``pos`` is up to date at their end.
+        """
         out: list[str] = []
         self.contents |= {step.ref: step for step in steps if isinstance(step, Content)}
         last = max((index for index, step in enumerate(steps) if _reads_pos(step)), default=-1)
@@ -113,7 +121,10 @@ class _EncoderEmitter:
         return out
 
     def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
-        """Append the statements that encode a step to `out`; `needed` is True if a later step uses ``pos``."""
+        """Append the statements that encode one step of the layout plan to `out`.
+
+        `needed` is True if a later step reads ``pos``.
+        """
         match step:
             case ir.InlineMessage():
                 name = self.names.name(step.ref.name)
@@ -145,7 +156,9 @@ class _EncoderEmitter:
                 ir.assert_never(step)
 
     def load(self, name: str, cls: str, expression: str = "") -> list[str]:
-        """Return the code that assigns an expression, if any, to a variable and checks the nested message's class."""
+        """Return the statements that assign an expression, if it is not empty, to a variable and check the class of the
+        nested message.
+        """
         coerce, cls = self.api.support("coerce_message"), self.classes[cls]
         fetch = [f"{name} = {expression}"] if expression else []
         return [*fetch, *block(f"if type({name}) is not {cls}", [f"{name} = {coerce}({name}, {cls})"])]
@@ -162,7 +175,10 @@ class _EncoderEmitter:
     # --- position -------------------------------------------------------------------------------------------------
 
     def move(self, start: ir.AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
-        """Emit the addition of a distance to ``pos`` if `needed`; if ``pos`` is not up to date, `start` is static."""
+        """Emit the statement that advances ``pos`` by a distance, if `needed` is True.
+
+        If ``pos`` is not up to date, it is set to the sum of the known position `start` and the distance.
+        """
         if not needed or (start.static is not None and distance.isdigit()):  # the next step has a static position
             return
         if start.static is not None:
@@ -173,10 +189,10 @@ class _EncoderEmitter:
             self.set_pos(f"{self.pos} + {distance}", out)
 
     def set_pos(self, expression: str, out: list[str]) -> None:
-        """Emit the assignment of a position in the message to the variable ``pos``.
+        """Emit the statement that sets the variable ``pos`` to a position in the encoded message.
 
-        If the encoder packs parts of the message and joins them at its end, it needs all positions there: each position
-        gets a variable of its own.
+        If the generated encoder joins all segments at its end, it needs every position there, so each position gets a
+        separate variable.
         """
         if not self.collect:
             self.moves += 1
@@ -222,9 +238,10 @@ class _EncoderEmitter:
             self.move(run.start, str(run.size + run.nul), needed, out)
 
     def prepare(self, step: Content, out: list[str]) -> str:
-        """Emit the code that fetches and converts a string or sequence, and return the expression of its length field.
+        """Emit the statements that fetch and convert a string or sequence, and return the expression of its length
+        field.
 
-        The length is packed in the run before the content, so the content is converted before that run.
+        The length is packed together with the values before the content, so the content is converted before them.
         """
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
@@ -248,7 +265,10 @@ class _EncoderEmitter:
         return f"len({name})"
 
     def fetch(self, step: ir.NumberArray | ir.StringArray | ir.Loop, out: list[str]) -> str:
-        """Return the variable of a converted content; a fixed array, which has no length field, is converted here."""
+        """Return the name of the variable with a converted content.
+
+        Emit the conversion of a fixed array, which has no length field.
+        """
         if step.ref not in self.values:
             count = self.prepare(step, out)
             out += check("!=", self.api.support("check_length"), count, step.type.capacity)
@@ -272,7 +292,9 @@ class _EncoderEmitter:
         needed: bool,
         out: list[str],
     ) -> None:
-        """Emit the padding, which exists only before elements, then the elements unless `content` is empty."""
+        """Emit the padding before elements, which exists only if there is an element, then the elements unless
+        `content` is empty.
+        """
         is_array = step.type.arity is Arity.ARRAY
         start = step.start
         condition = "" if is_array else f' if len({value}) else b""'
@@ -313,7 +335,9 @@ class _EncoderEmitter:
         out += block("else", messages)
 
     def known_pos(self, step: ir.Loop, needed: bool) -> str:
-        """Return the position of the elements, or a number of the same alignment if ``pos`` is not updated."""
+        """Return the position of the first element, or a number with the same alignment if the variable ``pos`` is not
+        up to date.
+        """
         if step.start.static is not None:
             return str(step.start.static)
         return self.pos if needed or _reads_pos(step) else str(step.start.remainder)

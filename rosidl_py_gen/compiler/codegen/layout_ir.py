@@ -1,7 +1,8 @@
-"""Layout plan of a message: steps in wire order, and what is known of the alignment.
+"""Data structures of the layout plan of a message: encoding steps in the order of the CDR data, with what is known of
+the alignment.
 
-The planner builds the plan, encoder and decoder emit code from it. Objects (the message itself, nested messages, loop
-elements) are numbered; a `Ref` is an attribute of one of them. Object 0 is the message.
+The planner builds the plan; the emitters of encoder and decoder generate code from it. Objects (the message itself,
+nested messages, loop elements) are numbered; a `Ref` is an attribute of one of them. Object 0 is the message.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class Ref(NamedTuple):
 
 
 class Scalar(NamedTuple):
-    """Primitive value inside a packed run."""
+    """Primitive value that is packed together with its neighbours by one struct call."""
 
     ref: Ref
     code: str
@@ -30,7 +31,10 @@ class Scalar(NamedTuple):
 
 
 class FixedNumberArray(NamedTuple):
-    """Fixed numeric array inside a packed run: packed as bytes, decoded as a view at `offset` of the run."""
+    """Fixed numeric array that is packed by the same struct call as its neighbours, as bytes.
+
+    The decoder returns an array that shares the memory at `offset` of the packed values.
+    """
 
     ref: Ref
     code: str
@@ -39,7 +43,7 @@ class FixedNumberArray(NamedTuple):
 
 
 class LengthPrefix(NamedTuple):
-    """Length (uint32) before a string or sequence; `ref` is the field whose content follows the run."""
+    """Length (uint32) before a string or sequence; `ref` is the field whose content follows the packed values."""
 
     ref: Ref
     offset: int
@@ -55,10 +59,10 @@ Item = Scalar | FixedNumberArray | LengthPrefix | EmptyMessageByte
 
 
 class AlignmentState(NamedTuple):
-    """Knowledge about the position of a step, counted from the alignment origin.
+    """Knowledge at generation time about a position in the encoded message, counted from the origin of CDR alignment.
 
     Attributes:
-        static: the exact offset if all preceding steps have a fixed size, else None.
+        static: the exact offset if everything before it has a fixed size, else None.
         modulus, remainder: position = remainder (mod modulus); modulus 1 if nothing is known.
     """
 
@@ -68,7 +72,10 @@ class AlignmentState(NamedTuple):
 
 
 class InlineMessage(NamedTuple):
-    """Start of a nested message that is encoded inline as object `number`; `empty` means that it has no fields."""
+    """Start of a nested message whose code is generated inline, as object `number`.
+
+    `empty` means that the message has no fields.
+    """
 
     ref: Ref
     type: str
@@ -77,16 +84,17 @@ class InlineMessage(NamedTuple):
 
 
 class PackedRun(NamedTuple):
-    """Fixed-size values packed by one struct call.
+    """Consecutive fixed-size values that one struct call packs or unpacks.
 
     Attributes:
-        items: in wire order; offsets count from the first byte after `nul` and alignment.
+        items: the values in the order of the data; offsets count from the first byte after `nul` and alignment.
         pack: struct code, without byte order, with all inner padding; fixed arrays are bytes.
         unpack: struct code in which fixed arrays are padding.
         size: bytes after `nul` and alignment.
-        align: alignment of the run if its padding is not known statically, else 1 (known padding is in the code).
-        nul: the terminator of the preceding string is written with this run.
-        start: position of the run, before `nul` when encoding.
+        align: alignment of the values if the padding before them is not known at generation time, else 1 (known padding
+            is in the code).
+        nul: the terminator of the preceding string is written with these values.
+        start: position of the values, before `nul` when encoding.
     """
 
     items: tuple[Item, ...]
@@ -99,7 +107,10 @@ class PackedRun(NamedTuple):
 
 
 class StringContent(NamedTuple):
-    """Characters of a string. The preceding run has the length, the next run or a `StringTerminator` the NUL."""
+    """Characters of a string in a layout plan.
+
+    The length precedes them in a `PackedRun`; the NUL is in the next `PackedRun`, or a `StringTerminator`.
+    """
 
     ref: Ref
     type: FieldType
@@ -107,16 +118,16 @@ class StringContent(NamedTuple):
 
 
 class StringTerminator(NamedTuple):
-    """NUL of a string after which no packed run follows."""
+    """NUL of a string that no packed values follow, so the NUL is written separately."""
 
     start: AlignmentState
 
 
 class NumberArray(NamedTuple):
-    """Elements of a numeric sequence, or of a fixed array too large for a run.
+    """Elements of a numeric sequence, or of a fixed array that is too large to be packed with its neighbours.
 
     Attributes:
-        pad: padding in bytes if known; it exists only before elements.
+        pad: padding in bytes if known at generation time; the padding exists only before elements.
         align: alignment of the elements if the padding is not known, else 1.
     """
 
@@ -130,7 +141,12 @@ class NumberArray(NamedTuple):
 
 
 class StringArray(NamedTuple):
-    """Elements of a sequence or array of strings; `pad` and `align` are as in `NumberArray`."""
+    """Elements of a sequence or array of strings in a layout plan.
+
+    Attributes:
+        pad: padding in bytes if known at generation time; the padding exists only before elements.
+        align: alignment of the elements if the padding is not known, else 1.
+    """
 
     ref: Ref
     type: FieldType
@@ -140,7 +156,7 @@ class StringArray(NamedTuple):
 
 
 class LoopMode(Enum):
-    """Kinds of generated code for the elements of a sequence of messages."""
+    """Ways in which code for the elements of a sequence of messages is generated."""
 
     PACKED = "packed"  # every element is the same run at a fixed stride
     INLINE = "inline"  # the element's steps are emitted in the loop
@@ -148,12 +164,14 @@ class LoopMode(Enum):
 
 
 class Loop(NamedTuple):
-    """Elements of a sequence or array of messages; `number` is the object number of the current element.
+    """Elements of a sequence or array of messages in a layout plan.
+
+    `number` is the object number of the current element.
 
     Attributes:
         body: steps of one element; for PACKED only `InlineMessage` and one `PackedRun`.
         stride: bytes of one element if PACKED, else 0.
-        min_size: minimum bytes of an element, by which a count is checked.
+        min_size: minimum bytes of an element, by which the decoder checks a stated count.
         pad, align: as in `NumberArray` if PACKED, else 0 and 1.
         fixed: elements are of fixed size, so a structured array can replace the list.
         structured_arrays: an element contains sequences or arrays of fixed-size messages.
@@ -174,7 +192,7 @@ class Loop(NamedTuple):
 
 
 class NestedCall(NamedTuple):
-    """Nested message that is too large to emit inline: the generated code calls the codec of its class.
+    """Nested message that is too large for inline code: the generated code calls encoder and decoder of its class.
 
     Attributes:
         structured_arrays: the message contains sequences or arrays of fixed-size messages.
@@ -192,12 +210,13 @@ LayoutStep = (
 
 
 class LayoutPlan(NamedTuple):
-    """Steps that encode and decode one message class.
+    """Layout plan: the steps that encode and decode one message class.
 
     Attributes:
         name: full ROS name.
-        steps: in wire order.
-        outlined: too large to be emitted inline in other messages, so it has `_write` and `_read`.
+        steps: in the order of the CDR data.
+        outlined: the message is too large for inline code in other messages, so it has the methods `_write` and
+            `_read`.
         structured_arrays: sequences or arrays of fixed-size messages exist at some depth; decoders can return them as
             structured arrays.
     """
@@ -209,5 +228,7 @@ class LayoutPlan(NamedTuple):
 
 
 def assert_never(value: NoReturn) -> NoReturn:
-    """Raise `AssertionError` for a step or item that a `match` has no case for (Python 3.10 has no `assert_never`)."""
+    """Raise `AssertionError` for a value that no case of a `match` statement handles (Python 3.10 has no
+    `typing.assert_never`).
+    """
     raise AssertionError(f"unexpected {value!r}")

@@ -1,8 +1,8 @@
-"""Planner of the wire layout of a message, which decides how code is generated for nested messages: inline or by call.
+"""Planner of the CDR layout of a message, which also decides whether code for a nested message is inline or a call.
 
-The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
-and never count bytes. The size of generated code is proportional to the leaves: the fields of a message after nested
-messages are flattened.
+The rules of CDR are in `cdr/layout.py`. This module applies them to fields. Encoder and decoder emit code for the
+planned steps and never count bytes. The size of generated code is proportional to the number of leaves, the fields of a
+message and of all its nested messages.
 """
 
 from __future__ import annotations
@@ -39,19 +39,20 @@ MAX_INLINE_FIELDS = 48
 to a multiple of the definition; every common message (Odometry has 22 leaves, Marker 43) is emitted inline."""
 MAX_INLINE_DEPTH = 12
 MAX_INLINE_LOOPS = 5
-"""Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
+"""Maximum depth of nested loops in generated code: CPython accepts 20, and the planner may plan each loop four times.
+"""
 BLOCK_BYTES = 1024
-"""Maximum bytes of a fixed array in a packed run; the encoder joins a larger array instead of copying it through a
-struct."""
+"""Maximum bytes of a fixed array that one struct call packs with its neighbours. A larger array is a separate segment,
+which saves a copy."""
 _CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
 _RCLPY_CODES = {**_CODES, "byte": "c"}
-"""Struct codes by primitive for rclpy's API, in which a byte is bytes of length 1."""
+"""Struct codes by primitive type for classes of rclpy's API, in which a byte is a bytes object of length 1."""
 
 _Result = TypeVar("_Result")
 
 
 def _cached_per_name(method: Callable[[LayoutPlanner, str], _Result]) -> Callable[[LayoutPlanner, str], _Result]:
-    """Return the method with a cache of its results by message name."""
+    """Decorate a method so that its results are cached by message name."""
 
     @wraps(method)
     def cached(self: LayoutPlanner, name: str) -> _Result:
@@ -65,7 +66,7 @@ def _cached_per_name(method: Callable[[LayoutPlanner, str], _Result]) -> Callabl
 
 
 class LayoutPlanner:
-    """Layout plans of messages by name, and the properties that decide how code is generated for them.
+    """Factory of layout plans by message name, which also decides how code is generated for each message.
 
     Args:
         lookup: returns the definition of a message by full name, or None.
@@ -78,19 +79,23 @@ class LayoutPlanner:
         self.results: dict[str, dict[str, Any]] = {}
 
     def message(self, name: str) -> MessageDef:
-        """Return the definition of a message, which must exist."""
+        """Return the definition of a message by its full name; the message must exist."""
         message = self._lookup(name)
         assert message is not None, name  # references were checked before
         return message
 
     def is_outlined(self, name: str) -> bool:
-        """Return True if messages that contain this message call its codec instead of having its code inline."""
+        """Return True if generated code of other messages calls the encoder and decoder of this message, because it is
+        too large for inline code.
+        """
         levels, loops = self.nesting_depth(name)
         return self.inline_size(name) > MAX_INLINE_FIELDS or levels > MAX_INLINE_DEPTH or loops > MAX_INLINE_LOOPS
 
     @_cached_per_name
     def nesting_depth(self, name: str) -> tuple[int, int]:
-        """Return the depth of nested messages in a message's generated code, and the depth of loops over messages."""
+        """Return how deep messages are nested in a message's generated code, and how deep its loops over messages are
+        nested.
+        """
         levels = loops = 0
         for item in self.message(name).fields:
             if item.type.is_message:
@@ -101,7 +106,10 @@ class LayoutPlanner:
 
     @_cached_per_name
     def inline_size(self, name: str) -> int:
-        """Return the number of leaves of a message after flattening; a nested message that is called counts as one."""
+        """Return the number of fields of a message, with the fields of its nested messages.
+
+        A nested message whose encoder is called, not inlined, counts as one field.
+        """
         total = 0
         for item in self.message(name).fields:
             is_inline = item.type.is_message and not self.is_outlined(item.type.base)
@@ -140,7 +148,7 @@ class LayoutPlanner:
 
     @_cached_per_name
     def min_size(self, name: str) -> int:
-        """Return a lower bound of the encoded size of a message in bytes, without padding."""
+        """Return a lower bound for the encoded size of a message in bytes, in which padding is not counted."""
         total = 0
         for kind in (item.type for item in self.message(name).fields):
             if has_count(kind):
@@ -153,7 +161,9 @@ class LayoutPlanner:
 
 @dataclass(slots=True)
 class _OpenRun:
-    """Unfinished packed run to which the planner appends fixed-size values."""
+    """Packed values under construction: the planner appends consecutive fixed-size values, which one struct call will
+    pack.
+    """
 
     start: ir.AlignmentState
     nul: bool
@@ -176,7 +186,10 @@ def _struct_code(codes: list[tuple[str, int]]) -> str:
 
 
 class _PlanBuilder:
-    """Builder of the steps for the fields of a message, in one pass; `now` is the known alignment of the position."""
+    """Builder of the layout steps for the fields of a message, in one pass.
+
+    `now` is what is known about the current position.
+    """
 
     def __init__(self, planner: LayoutPlanner, start: ir.AlignmentState, first_object: int = 1) -> None:
         self.planner = planner
@@ -195,17 +208,23 @@ class _PlanBuilder:
         self.now = ir.AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
 
     def _known_padding(self, align: int) -> int | None:
-        """Return the padding in bytes from the current position up to `align`; None if it depends on the message."""
+        """Return the padding in bytes from the current position to a multiple of `align`.
+
+        Returns None if it depends on the values of the message.
+        """
         return -self.now.remainder % align if self.now.modulus % align == 0 else None
 
     def _lose_offset(self, modulus: int) -> None:
-        """Record that the position is only known to be a multiple of `modulus`, after content of variable size."""
+        """Record that after content of variable size the position is only known to be a multiple of `modulus`."""
         self.now = ir.AlignmentState(None, modulus, 0)
 
     # --- runs -----------------------------------------------------------------------------------------------------
 
     def _append_to_run(self, align: int, size: int, code: str, count: int, read: str = "") -> int:
-        """Append a value to the current run, or to a new run if its padding is unknown; return the value's offset."""
+        """Append a fixed-size value to the values that one struct call packs, and return the value's offset among them.
+
+        If the padding before the value is unknown, the value starts a new struct call.
+        """
         gap = self._known_padding(align)
         # A run is one struct, whose padding is a constant: it cannot go on where the padding depends on the message.
         if gap is None and self.run is not None:
@@ -238,7 +257,7 @@ class _PlanBuilder:
             self.steps.append(ir.PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
     def close(self) -> None:
-        """Finish the current packed run, and add the terminator of a string that has none yet."""
+        """Finish the current group of packed values, and add the terminator of a string that has none yet."""
         self.end_run()
         if self.nul:
             self.nul = False
@@ -329,7 +348,7 @@ class _PlanBuilder:
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 
     def _loop(self, ref: ir.Ref, kind: FieldType) -> None:
-        """Append the loop over the elements of a sequence or array of messages."""
+        """Append the step for the elements of a sequence or array of messages."""
         number = self._new_object()
         loop = self._packed_loop(ref, kind, number)
         if loop is None and self.planner.is_outlined(kind.base):
@@ -372,7 +391,9 @@ class _PlanBuilder:
         return inner
 
     def _packed_loop(self, ref: ir.Ref, kind: FieldType, number: int) -> ir.Loop | None:
-        """Return a loop that packs elements of equal stride with one struct; None if the stride varies."""
+        """Return a loop that packs all elements with one struct format; None if the elements differ in size
+        or padding.
+        """
         if not self.planner.is_fixed(kind.base) or self.planner.is_outlined(kind.base):
             return None
         # Candidates for the entry state: the current state, then the alignment of the first primitive after explicit
@@ -409,7 +430,7 @@ class _PlanBuilder:
 
 
 def _common_alignment(left: ir.AlignmentState, right: ir.AlignmentState) -> ir.AlignmentState:
-    """Return the alignment that is true in both of two alignment states."""
+    """Return what two alignment states have in common, for a position that is described by either of them."""
     modulus = min(left.modulus, right.modulus)
     while modulus > 1 and left.remainder % modulus != right.remainder % modulus:
         modulus //= 2

@@ -1,7 +1,7 @@
-"""Python source of generated packages, rendered from checked definitions by the jinja2 templates.
+"""Python source of generated packages, rendered from checked definitions by jinja2 templates.
 
-A wheel has the templates as jinja2 compiled them (`hatch_build.py`) and their texts, in case the installed jinja2
-cannot use the compiled ones; a checkout has the texts.
+A wheel contains the templates in two forms: as text, and compiled by jinja2 (`hatch_build.py`). The texts are used if
+the installed jinja2 cannot load the compiled templates. A source checkout has only the texts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 
 def environment_of_texts() -> Environment:
-    """Return a jinja2 environment that loads the template texts (not the compiled ones) and has their filters."""
+    """Return a jinja2 environment, with the filters of the templates, that loads the texts of the templates instead of
+    compiled ones.
+    """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
@@ -66,7 +68,7 @@ def preload() -> None:
 
 
 def render(template: str, **values: object) -> str:
-    """Return the rendered text of a named template with the values as its variables."""
+    """Return the text of the template with this name, rendered with the values as its variables."""
     return _environment().get_template(template).render(values)
 
 

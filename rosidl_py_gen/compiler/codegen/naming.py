@@ -1,7 +1,7 @@
-"""Names inside a generated module: imports and local variables.
+"""Choice of names inside a generated module: imports and local variables.
 
 Fields, constants and classes have the names of the definition. In a conflict, an import gets a leading underscore and a
-local variable a trailing one, so a field may be called `np`, `int`, `field` or `classmethod`.
+local variable a trailing underscore, so a field may be called `np`, `int`, `field` or `classmethod`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _METHOD_NAMES = {
 }
 """Names of globals, parameters and fixed variables in generated methods, which other local variables must not hide."""
 _MAX_LOCAL_NAME = 28
-"""Maximum characters of a local name in generated code, which only limits the length of lines."""
+"""Maximum length of the name of a local variable in generated code, which keeps lines short."""
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class Imports:
     _aliases: set[str] = field(default_factory=set)
 
     def use(self, module: str, name: str, *, for_typing: bool = False, in_class: bool = True) -> str:
-        """Import a name of a module, or with an empty name the module, and return its alias.
+        """Import a name of a module, or the module itself if the name is empty, and return the alias in generated code.
 
         Args:
             for_typing: only type checkers need the name.
@@ -61,7 +61,9 @@ class Imports:
         return alias
 
     def builtin(self, name: str) -> str:
-        """Return the name of a builtin in generated code; an alias if a field or class has the builtin's name."""
+        """Return the name by which generated code can call a builtin: an alias if a field or class has the builtin's
+        name.
+        """
         return name if name not in self.members and name not in self.classes else self.use("builtins", name)
 
     @staticmethod
@@ -73,7 +75,9 @@ class Imports:
         yield from (f"_{name}_{number}" for number in count(2))
 
     def lines(self, *, for_typing: bool = False) -> list[str]:
-        """Return the sorted import statements; with `for_typing`, the imports for type checkers only."""
+        """Return the import statements of the module, sorted; with `for_typing`, only imports that type
+        checkers need.
+        """
         result = []
         for module, names in sorted((self.typing if for_typing else self.runtime).items()):
             if "" in names:
@@ -85,7 +89,10 @@ class Imports:
 
 
 def sort_key(word: str) -> tuple[int, list[tuple[int, str]], str]:
-    """Return the key by which ruff sorts `__all__`: constants, classes, others; numbers inside by value."""
+    """Return the key by which ruff sorts the names of `__all__`: constants, classes, other names.
+
+    Numbers inside names by value.
+    """
     name = word.split(" ")[0]
     rank = 0 if name.isupper() and len(name) > 1 else 1 if name[:1].isupper() else 2
     pieces = [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", name) if piece]
@@ -100,7 +107,7 @@ class Locals:
         self._numbers: dict[str, int] = {}  # the next number of each name: names that are cut are often the same
 
     def name(self, wanted: str) -> str:
-        """Return a free local variable name: `wanted`, or `wanted` with an underscore or number added."""
+        """Return an unused local variable name: `wanted`, or `wanted` with an underscore or number appended."""
         wanted = wanted[:_MAX_LOCAL_NAME].rstrip("_") or "value"
         candidate = wanted
         number = self._numbers.get(wanted, 2)

@@ -1,7 +1,7 @@
-"""Changes of the generator's output folder.
+"""Writing of generated files to the output folder.
 
 Only changed files are written, each through a temporary file, so an interrupted run leaves complete files. Generated
-files without a definition are removed. Files without the header of generated files are never changed.
+files are removed if their definition no longer exists. Files without the header of generated files are never changed.
 """
 
 from __future__ import annotations
@@ -88,7 +88,9 @@ def _write(path: Path, text: str) -> None:
 
 
 def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
-    """Return the relative paths of generated files in packages of the folder, with each package's own files last.
+    """Return the relative paths of generated files in the packages of a folder.
+
+    The files of a package folder follow after the files of its subfolders.
 
     Raises:
         OutputError: a folder or file cannot be read.

@@ -1,7 +1,7 @@
 """Python source text for values, docstrings and comments that come from interface files.
 
 Definition files are untrusted: all of their text that reaches generated code passes through this module and becomes a
-literal of a plain type or text inside a docstring. `ruff format` does not change the spelling.
+literal of a plain type or text inside a docstring. Literals are spelled as `ruff format` spells them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _SHORT = {"\\": "\\\\", "\n": "\\n", "\r": "\\r", "\t": "\\t"}
 
 
 def py_literal(value: bool | int | float | str) -> str:
-    """Return the Python expression of a scalar, of the same type."""
+    """Return Python source that evaluates to the scalar, as an object of the same type."""
     if isinstance(value, str):
         return py_string(value)
     if isinstance(value, float):
@@ -68,12 +68,14 @@ def docstring(lines: Iterable[str], indent: str) -> str:
 
 
 def visible(lines: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the docstring lines, or an empty tuple if a docstring of them would be empty."""
+    """Return the docstring lines unchanged, or an empty tuple if nothing in them would be visible."""
     return lines if any(_doc_line(line) for line in lines) else ()
 
 
 def _doc_line(line: str) -> str:
-    """Return a docstring line that cannot end the docstring, start an escape, or hide characters."""
+    """Return a line of text in a form that is safe in a docstring: it cannot end the docstring, start an escape, or
+    hide characters.
+    """
     line = line.expandtabs(4).rstrip().replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
     if not line.isprintable():
         line = "".join(char if char.isprintable() else " " for char in line).rstrip()

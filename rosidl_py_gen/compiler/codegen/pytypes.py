@@ -69,7 +69,9 @@ def _byte(value: object) -> str:
 
 
 def rclpy_defaults(fields: tuple[FieldDef, ...]) -> str:
-    """Return source text of the default values for rclpy's API: dictionary items by ROS name, with lists for arrays."""
+    """Return Python source of the default values for classes of rclpy's API: dictionary items by ROS name, with lists
+    for arrays.
+    """
     items = []
     for item in fields:
         spell = _byte if item.type.base == "byte" else py_literal

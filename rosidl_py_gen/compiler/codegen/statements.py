@@ -1,9 +1,9 @@
-"""Python text of encoders and decoders: statements, the struct functions they use, and the differences between the two
-message APIs.
+"""Python source text of statements in generated encoders and decoders, the struct functions that they call, and the
+differences between the two message APIs.
 
-The emitters decide about names, offsets and conditions; the functions of this module only spell statements.
+The emitters decide about names, offsets and conditions; this module only writes the statements.
 
-The native classes have numpy arrays, and a byte is an integer. Classes of rclpy's API have the types of rclpy: an
+Native classes have numpy arrays, and a byte is an integer. Classes of rclpy's API have the types of rclpy: an
 `array.array` for a sequence of numbers, writable arrays, lists of bool and of bytes, and slots with an underscore.
 """
 
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.codegen.naming import Imports
 
 _NUMPY = {one.code: one.numpy.rstrip("_") for one in PRIMITIVES.values()}
-"""Names of numpy types by struct code. The names are also parts of the names of functions and dtypes in `cdr.support`.
-"""
+"""Names of numpy types by struct code. Functions and dtypes in `cdr.support` contain these names."""
 
 
 def block(head: str, body: Iterable[str]) -> list[str]:
@@ -32,14 +31,17 @@ def block(head: str, body: Iterable[str]) -> list[str]:
 
 
 def check(condition: str, function: str, number: str, expected: int) -> list[str]:
-    """Return an ``if`` statement that calls a function, which raises, if ``number condition expected`` is true."""
+    """Return an ``if`` statement for generated code that calls a raising function if ``number condition expected`` is
+    true.
+    """
     return block(f"if {number} {condition} {expected}", [f"{function}({number}, {expected})"])
 
 
 def read_string(target: str, start: str, end: str, any_buffer: bool) -> list[str]:
-    """Return the code that reads a string up to its NUL and assigns the offset of the NUL to ``end``.
+    """Return generated code that reads a string up to its NUL and assigns the offset of the NUL to the variable
+    ``end``.
 
-    With `any_buffer`, ``raw`` may be a memoryview, which has no `decode`.
+    With `any_buffer`, the variable ``raw`` may be a memoryview, which has no `decode`.
     """
     text = f'str(raw[{start}:end], "utf-8")' if any_buffer else f"raw[{start}:end].decode()"
     return [
@@ -51,13 +53,15 @@ def read_string(target: str, start: str, end: str, any_buffer: bool) -> list[str
 
 @dataclass(slots=True)
 class Structs:
-    """Precompiled struct functions of a generated module, each of them once."""
+    """Set of the precompiled struct functions that a generated module defines, without duplicates."""
 
     entries: dict[tuple[str, str, int, bool], str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
 
     def name(self, role: str, code: str, align: int = 1, nul: bool = False) -> str:
-        """Return the name of a struct function with the role pack, unpack_from or iter_unpack.
+        """Return the name of a struct function in the generated module.
+
+        Its role is ``pack``, ``unpack_from`` or ``iter_unpack``.
 
         Args:
             align: a boundary above 1 makes a table of eight functions, indexed by ``pos & 7``.
@@ -84,7 +88,10 @@ def plus(expression: str, number: int) -> str:
 
 
 class MessageApi:
-    """Expressions of a generated encoder or decoder; each method imports the functions that its expression calls."""
+    """Source expressions for generated encoders and decoders of one message API.
+
+    Each method also imports the functions that its expression calls into the generated module.
+    """
 
     def __init__(self, imports: Imports) -> None:
         self.imports = imports
@@ -98,11 +105,16 @@ class MessageApi:
         return name
 
     def fixed(self, code: str) -> str:
-        """Return the name of the function that converts a small fixed array of a struct code to bytes."""
+        """Return the name of the function that converts a small fixed array to bytes.
+
+        The element type is given as a struct code.
+        """
         return self.support(f"fixed_{_NUMPY[code]}s")
 
     def sequence(self, code: str, *, is_array: bool) -> str:
-        """Return the name of the function that converts a sequence, or a large fixed array, to a buffer."""
+        """Return the name of the function that converts a sequence, or a large fixed array, to a buffer of encoded
+        elements.
+        """
         return self.support(f"{_NUMPY[code]}s")
 
     def listed(self, expression: str) -> str:
@@ -110,18 +122,18 @@ class MessageApi:
         return expression
 
     def numbers(self, code: str, count: str, at: str, *, is_array: bool) -> str:
-        """Return the source text that reads `count` numbers at offset `at` of ``view``."""
+        """Return the source text that reads an array of `count` numbers at offset `at` of the variable ``view``."""
         if code == "?":
             return f"{self.support('view_of_bools')}(view, {count}, {at})"
         return f"{self.support('frombuffer')}(view, {self.support(_NUMPY[code].upper())}, {count}, {at})"
 
     def is_array(self, value: str) -> str:
-        """Return the source text of the test that a sequence of messages is a structured array."""
+        """Return the source text of a condition that is true if a sequence of messages is a structured array."""
         return f"type({value}) is {self.support('ndarray')}"
 
 
 class RclpyMessageApi(MessageApi):
-    """Source expressions for generated classes of rclpy's API."""
+    """Source expressions for generated encoders and decoders of classes of rclpy's API."""
 
     def array_function(self, name: str) -> str:
         return self.support(name, "rosidl_py_gen.cdr.rclpy_messages.arrays")

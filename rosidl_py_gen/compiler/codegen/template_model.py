@@ -42,7 +42,7 @@ _COMMON_ACTION_TYPES = (
 
 
 class Target(NamedTuple):
-    """Import paths of generated modules, and lookups of existing classes and of hashes.
+    """Environment of a generated module: import paths of generated modules, existing classes, and type hashes.
 
     Attributes:
         root: prefix of the generated packages' import paths; empty, or ending in a dot.
@@ -74,7 +74,7 @@ class MessageView(NamedTuple):
     """Message class as values for the module template.
 
     Attributes:
-        name: names in the class of the imports that the template mentions.
+        name: names that the template's imports have inside the class, as a field may have the same name.
         slots, defaults: only for rclpy's API.
     """
 
@@ -159,7 +159,9 @@ def module_view(interface: Interface, planner: LayoutPlanner, target: Target) ->
 
 
 def _nested(messages: Iterable[MessageDef], planner: LayoutPlanner) -> set[str]:
-    """Return the message types that a module's code mentions: types of its fields, and of messages emitted inline."""
+    """Return the names of the message types that a module's code mentions: types of its fields, and types in inlined
+    messages.
+    """
     found = {item.type.base for message in messages for item in message.fields if item.type.is_message}
     in_line: set[str] = set()
     pending = [str(message.name) for message in messages]
@@ -210,7 +212,10 @@ def _message(
 
 
 def _constructor(fields: tuple[MemberView, ...]) -> tuple[str, ...]:
-    """Return the parameters of ``__init__`` for type checkers; empty if the dataclass generates the same signature."""
+    """Return the parameters of ``__init__`` for type checkers.
+
+    The result is empty if the dataclass generates the same signature.
+    """
     if all(item.accepted == item.annotation for item in fields):
         return ()
     this = "self" if all(item.name != "self" for item in fields) else "__self"
@@ -236,7 +241,7 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
 
 
 def _class_scope_names(imports: Imports, message: MessageDef, planner: LayoutPlanner) -> dict[str, str]:
-    """Import the names that the template mentions inside a class, and return their aliases by name."""
+    """Import the names that the template mentions inside a class; return the alias of each name in that class."""
     is_outlined = planner.is_outlined(str(message.name))
     names = {word: imports.use("typing", word) for word in ("ClassVar", "TYPE_CHECKING")}
     names["TypeInfo"] = imports.use(_CDR, "TypeInfo")

@@ -1,4 +1,4 @@
-"""Comparison of two sets of definitions, and conversion of messages of the old set to the new one.
+"""Comparison of two sets of message definitions, and conversion of messages of the old set to the new set.
 
-No module here reads files, bags or networks: definitions in, frozen results out.
+The modules of this package read no files, bags or networks: functions take definitions and return immutable results.
 """

@@ -1,8 +1,9 @@
 """Comparison of two sets of definitions: added, removed and changed types, and the consequences of each change.
 
 Fields and constants are identified by name. A removed field and an added field of the same type at the same place are
-reported as a probable rename, because a definition does not state renames. CDR of ROS 2 has neither names nor tags, so
-old messages are read as before only if the same fields are in the same order (docs/internals/protocol.md 2).
+reported as a probable rename, because a definition does not state renames. CDR data of ROS 2 contain neither names nor
+tags, so old messages are decoded to the same values only if the same fields are in the same order
+(docs/internals/protocol.md 2).
 """
 
 from __future__ import annotations
@@ -25,13 +26,12 @@ if TYPE_CHECKING:
 
 
 class ChangeKind(Enum):
-    """Consequence of a change of a definition.
+    """Kind of consequence that a change of a definition has.
 
     DATA: recordings, and messages of nodes with the old definition, are not read as before: some or all of them are
     misread, cannot be read, or lack fields. CODE: programs that use the type may fail. HASH: the type hash differs;
-    tools warn, and on Zenoh old and new nodes do not match.
-    DEFAULT: new messages have other values. UNIT: numbers have another unit, by their comments. ADDITION: only
-    additions.
+    tools warn, and on Zenoh old and new nodes do not match. DEFAULT: new messages have other values. UNIT: numbers have
+    another unit, according to the comments. ADDITION: only additions.
     """
 
     DATA = "data"
@@ -63,7 +63,7 @@ class ElementChange(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MessageChange:
-    """Changes of a message, or of a section of a service or action.
+    """Changes of a message, or of one section (such as the request) of a service or action.
 
     Attributes:
         through: the changed types that the message contains.
@@ -90,7 +90,7 @@ class MessageChange:
 
 @dataclass(frozen=True, slots=True)
 class TypeChange:
-    """Changed interface: its changed messages, and in `used_by` the interfaces that contain it."""
+    """Changed interface, with its changed messages; `used_by` names the interfaces that contain it."""
 
     name: str
     old_hash: str
@@ -105,7 +105,7 @@ class TypeChange:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Result of a comparison of two definition sets, as sorted full names.
+    """Result of the comparison of two sets of definitions, with sorted full type names.
 
     `not_compared` has the types that only one set has, if neither set is complete.
     """
@@ -189,7 +189,10 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
 
 
 class _Layouts:
-    """Comparison of the layouts of old and new messages by name; each set has all messages that it refers to."""
+    """Comparison of the CDR layouts of old and new messages by name.
+
+    Each set contains all messages to which its messages refer.
+    """
 
     def __init__(self, old: Mapping[str, MessageDef], new: Mapping[str, MessageDef]) -> None:
         self._old, self._new = old, new
@@ -206,7 +209,7 @@ class _Layouts:
         return self._results[old, new]
 
     def is_read(self, old: FieldType, new: FieldType) -> bool:
-        """Return True if a field of the new type decodes every value of the old type as before."""
+        """Return True if a new field type decodes every value of the old field type to the same value."""
         # A sequence may lose its bound, or get a wider one.
         if any((old.arity is arity) is not (new.arity is arity) for arity in (Arity.SCALAR, Arity.ARRAY)):
             return False
@@ -243,7 +246,8 @@ def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDef]]) ->
 def _dependents(
     own: Mapping[str, object], owners: Mapping[str, str], inside: Mapping[str, set[str]]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the interfaces that contain changed messages, by the name of the interface or message that changed.
+    """Return the interfaces that contain a changed message directly or indirectly, by the name of the changed interface
+    or message.
 
     Args:
         own: the changed messages by name.
@@ -302,7 +306,9 @@ def _field_changes(layouts: _Layouts, old: MessageDef, new: MessageDef) -> tuple
 
 
 def _probable_renames(old: Sequence[FieldDef], new: Sequence[FieldDef]) -> dict[str, str]:
-    """Return new name -> old name of fields that replace a field of the same type between the same neighbours."""
+    """Return probable renames, as old name by new name: a field that replaces a field of the same type between the same
+    neighbours.
+    """
     removed = _unmatched_runs(old, {one.name for one in new})
     added = _unmatched_runs(new, {one.name for one in old})
     found: dict[str, str] = {}
@@ -325,7 +331,8 @@ def _unmatched_runs(fields: Sequence[FieldDef], common: set[str]) -> dict[str, l
 
 
 def _reordered(old: Sequence[str], new: Sequence[str]) -> set[str]:
-    """Return a smallest set of names that must have moved: those outside of the longest increasing subsequence.
+    """Return the smallest set of names whose move explains the new order: all names outside of the longest increasing
+    subsequence.
 
     Patience sorting: `ends` has the last place of the best subsequence of each length, `previous` links its places.
     """

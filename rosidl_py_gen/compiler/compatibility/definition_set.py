@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 
 class AmbiguousTypeError(RosidlError):
-    """Error of sets with two different definitions of one type; the user must select one of them."""
+    """Error for two different definitions of one type in sets that are used together; the user must select
+    one of them.
+    """
 
 
 def known_constants(message: MessageDef) -> tuple[ConstantDef, ...] | None:
@@ -44,7 +46,9 @@ def comparison_key(message: MessageDef, *, with_constants: bool) -> tuple[object
 
 
 def canonical_type(kind: FieldType) -> FieldType:
-    """Return a type as in type descriptions, which do not distinguish ``char`` and ``uint8`` of .msg files."""
+    """Return a field type as type descriptions spell it, which do not distinguish ``char`` and ``uint8`` of
+    .msg files.
+    """
     return replace(kind, base="uint8") if kind.base == "char" else kind
 
 
@@ -103,7 +107,7 @@ def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> Defi
 
 
 def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
-    """Return definitions of a recording, in which a message without constants has unknown constants.
+    """Return the definitions of a recording, in which the constants of a message without constants count as unknown.
 
     Recorders may omit constants.
     """
@@ -115,7 +119,7 @@ def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
 
 
 def merge(parts: Iterable[tuple[str, DefinitionSet]]) -> DefinitionSet:
-    """Return the union of definition sets, each with the name of its origin for errors.
+    """Return the union of several definition sets; errors name the origin of each set.
 
     Raises:
         AmbiguousTypeError: two sets define a type differently.

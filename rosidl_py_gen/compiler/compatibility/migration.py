@@ -1,12 +1,13 @@
-"""Conversion of messages from old definitions to new ones, field by field: the plan, and the converter made from it.
+"""Conversion of messages from old definitions to new definitions, field by field: a plan, and the converter made from
+the plan.
 
 A value is assigned to the field that a rule names, else to the field of the same name. Old fields without a target are
-dropped, new fields without a source get their default value; the plan lists both. Text is never converted to a number,
-nor a number to text.
+dropped, and new fields without a source get their default value; the plan lists both. Text is never converted to a
+number, nor a number to text.
 
-No value changes silently: conversions that would change one are refused by type in the plan, and by value with
-`EncodeError` and the path of the field, here or when the message is encoded. The only exception is float64 to float32,
-which is rounded.
+No value changes silently. The plan refuses conversions between types that could change a value. A value that the new
+type cannot have raises `EncodeError` with the path of the field during the conversion, or when the message is encoded.
+The only exception is float64 to float32, which is rounded.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     Converter = Callable[[Any], Any]
 
 Types = Mapping[str, Sequence[tuple[str, "FieldType"]]]
-"""Names and types of fields by the full name of their message."""
+"""Dictionary from the full name of a message to the names and types of its fields."""
 
 
 class MigrationError(RosidlError):
@@ -38,7 +39,10 @@ class MigrationError(RosidlError):
 
 
 class RenameRule(NamedTuple):
-    """Rename rule of a type or field; an empty `target` drops the field, `place` is the rule's ``file:line:column``."""
+    """Rename rule of a type or field, written by the user; an empty `target` drops the field.
+
+    `place` is the location of the rule as ``file:line:column``.
+    """
 
     target: str
     place: str
@@ -46,7 +50,7 @@ class RenameRule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MigrationRules:
-    """User's rules for renames that the definitions do not show, by the old full name of the type or message."""
+    """Rename rules of a user, for renames that definitions do not show, by the old full name of the type or message."""
 
     types: Mapping[str, RenameRule] = field(default_factory=dict)
     fields: Mapping[str, Mapping[str, RenameRule]] = field(default_factory=dict)
@@ -88,7 +92,7 @@ class MessagePlan:
 
 
 Plans = Mapping[tuple[str, str], MessagePlan]
-"""Conversion plans by old and new name, for a message and all messages that it contains."""
+"""Dictionary of conversion plans by old and new type name, for a message and all messages that it contains."""
 
 
 def plan(old: Types, new: Types, top: str, rules: MigrationRules | None) -> dict[tuple[str, str], MessagePlan]:
@@ -235,9 +239,9 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
 def _field_converter(
     step: FieldConversion, path: str, maker: Callable[[tuple[str, str]], Converter]
 ) -> Converter | None:
-    """Return the converter of a field's values; None if values are copied unchanged.
+    """Return the function that converts the values of a field; None if values are copied unchanged.
 
-    Array sizes are not checked here, but when the message is encoded.
+    The function does not check array sizes; they are checked when the message is encoded.
     """
     is_scalar = step.new_type.arity is Arity.SCALAR
     if step.new_type.is_message:

@@ -17,18 +17,21 @@ from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
 _NEEDED = frozenset(package for packages in IMPLIED.values() for package in packages)
-"""Packages that services and actions need in any distribution: classes of events refer to `service_msgs`."""
+"""Packages that services and actions need in every distribution, because the classes of service events refer to
+`service_msgs`."""
 
 
 class BundledFiles(NamedTuple):
-    """Files of a bundled package: its folder, and its interface files if these differ from all files of the folder."""
+    """Files of a bundled package: its folder, and the interface files if they are not exactly the files of
+    the folder.
+    """
 
     folder: Path
     files: dict[RosName, Path] | None
 
 
 class _Difference(NamedTuple):
-    """Stored difference of a distribution to the distribution that it is based on.
+    """Stored difference between a distribution and the distribution on which its stored definitions are based.
 
     Attributes:
         files: interface files that are new or changed.
@@ -82,7 +85,10 @@ def changed_interfaces(distro: str) -> frozenset[RosName]:
 
 
 def other_distributions_note(package: str, name: RosName | None = None) -> str:
-    """Return an error note on the distributions that have a package, or its interface `name`; "" if none has it."""
+    """Return a text for errors that names the other distributions with a package, or with its interface `name`.
+
+    Returns "" if no distribution has it.
+    """
     having = [
         distro
         for distro in DISTRIBUTIONS

@@ -1,6 +1,6 @@
-"""Conditions of `if()` in a CMakeLists.txt, with a third value for a condition that only the build can decide.
+"""Evaluation of the conditions of `if()` in a CMakeLists.txt.
 
-Facts: docs/internals/protocol.md 14.2.
+The result is True, False, or None if only the build can decide. Facts: docs/internals/protocol.md 14.2.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 _MAX_WORDS = 200
-"""Maximum words of a condition; a longer one is left undecided. Nested parentheses take one call each."""
+"""Maximum words of a CMake condition that is evaluated; a longer condition counts as undecided, which also bounds
+nested parentheses."""
 _TRUE = re.compile(r"1|on|yes|true|y", re.IGNORECASE)
 _FALSE = re.compile(r"|0|off|no|false|n|ignore|notfound|.*-notfound", re.IGNORECASE | re.DOTALL)
 _NUMBER = re.compile(r"[+-]?\d{1,15}(\.\d{1,15})?")
 _VERSION = re.compile(r"\d{1,9}(\.\d{1,9})*")
 _PLAIN_REGEX = re.compile(r"\^?[\w ,:;=@!~/-]*\$?")
-"""Pattern of the regular expressions that mean the same to CMake and Python, and take linear time."""
+"""Pattern of regular expressions that CMake and Python interpret equally, and that take linear time."""
 _UNARY = ("EXISTS", "COMMAND", "POLICY", "TARGET", "TEST", "IS_DIRECTORY", "IS_SYMLINK", "IS_ABSOLUTE", "IS_READABLE")
 _COMPARISONS: dict[str, Callable[[int], bool]] = {
     "LESS": lambda order: order < 0,
@@ -31,7 +32,10 @@ _BINARY = re.compile(f"(STR|VERSION_)?({'|'.join(_COMPARISONS)})|MATCHES|IN_LIST
 
 
 class ConditionWord(NamedTuple):
-    """Word of a condition with its variable references replaced; `text` is None if a reference has no known value."""
+    """Word of a CMake condition with its variable references replaced.
+
+    `text` is None if a reference has no known value.
+    """
 
     text: str | None
     is_quoted: bool = False
@@ -43,7 +47,7 @@ _Item = ConditionWord | bool | None
 
 
 def evaluate_condition(words: list[ConditionWord], lookup: Lookup) -> bool | None:
-    """Return the value of a condition; None if only the build can decide it."""
+    """Return the value of a CMake condition; None if only the build can decide it."""
     if len(words) > _MAX_WORDS:
         return None
     # Innermost parentheses first; each group becomes its value.
@@ -62,7 +66,10 @@ def evaluate_condition(words: list[ConditionWord], lookup: Lookup) -> bool | Non
 
 
 def _evaluate_flat(items: list[_Item], lookup: Lookup) -> bool | None:
-    """Return the value of a condition without parentheses: tests, then NOT, then AND and OR; None if undecided."""
+    """Return the value of a CMake condition without parentheses: tests first, then NOT, then AND and OR.
+
+    Returns None if undecided.
+    """
     values: list[bool | str | None] = []  # values with the words NOT, AND and OR between them
     at = 0
     while at < len(items):
@@ -120,7 +127,10 @@ def _is_defined(item: _Item, lookup: Lookup) -> bool | None:
 
 
 def _truth(word: ConditionWord, lookup: Lookup) -> bool | None:
-    """Return the truth value of a single word, which is a constant or the name of a variable; None if undecided."""
+    """Return the truth value of a single word of a CMake condition, which is a constant or the name of a variable.
+
+    Returns None if only the build can decide it.
+    """
     if word.text is None:
         return None
     if _TRUE.fullmatch(word.text):
@@ -136,9 +146,9 @@ def _truth(word: ConditionWord, lookup: Lookup) -> bool | None:
 
 
 def _operand(item: _Item, lookup: Lookup) -> str | None:
-    """Return an operand of a comparison: the value of the variable with this name, else the word itself.
+    """Return an operand of a CMake comparison: the value of the variable with this name, else the word itself.
 
-    Returns None if the build decides between the two.
+    Returns None if only the build decides between the two.
     """
     if not isinstance(item, ConditionWord) or item.text is None:
         return None

@@ -1,7 +1,7 @@
-"""Interface files of a source package.
+"""Interface files of a source package, from its CMakeLists.txt or from its folder.
 
-If the list that its CMakeLists.txt gives to `rosidl_generate_interfaces` can be determined without a build, the files
-of the list are used. Otherwise all interface files below the package's folder are used, so that no file is lost.
+A CMakeLists.txt passes a list of files to `rosidl_generate_interfaces`. If the list can be determined without a build,
+its files are used. Otherwise all interface files below the package's folder are used, so that no file is lost.
 """
 
 from __future__ import annotations
@@ -131,7 +131,10 @@ class CMakeInterfaceList:
 
 
 def _files_of_call(words: list[CMakeArgument]) -> list[CMakeArgument]:
-    """Return the files among the arguments of `rosidl_generate_interfaces`, whose first argument is the target."""
+    """Return the interface files among the arguments of a call of `rosidl_generate_interfaces`.
+
+    The first argument is the target's name.
+    """
     files: list[CMakeArgument] = []
     keyword = ""
     for word in words[1:]:

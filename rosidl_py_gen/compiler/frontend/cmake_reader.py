@@ -1,9 +1,9 @@
-"""Reader of CMakeLists.txt: arguments of its commands, as far as they can be determined without a build.
+"""Reader of CMakeLists.txt, which determines the arguments of commands as far as this is possible without a build.
 
 No command is run. Variables are followed through `set`, `unset`, `list`, `file(GLOB)`, `if` and `foreach`. If a
-condition depends on the build, each branch is read, and a variable whose value depends on the branch has the elements
-of all branches, none of them certain. A variable that any other command, function or file may change is unknown from
-there on. Facts: docs/internals/protocol.md 14.2.
+condition depends on the build, each branch is read. A variable whose value depends on the branch then has the elements
+of all branches, and none of them is certain. A variable that any other command, function or file may change is unknown
+after that. Facts: docs/internals/protocol.md 14.2.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 GENERATE = "rosidl_generate_interfaces"
 UNKNOWN = "\0"
-"""Value of an argument that cannot be determined."""
+"""Value of an argument of a CMake command that cannot be determined."""
 
 _TOKEN = re.compile(
     r'#?\[(?P<level>=*)\[(?P<raw>.*?)(?:\](?P=level)\]|\Z)|#[^\n]*|"(?P<quoted>[^"\\]*(?:\\.[^"\\]*)*)("|\Z)|[()]'
@@ -55,16 +55,17 @@ _INSTALL_FOLDERS = {
     "CMAKE_INSTALL_DATAROOTDIR": "share",
     "PYTHON_INSTALL_DIR": f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages",
 }
-"""Variables of CMake, GNUInstallDirs and ament_cmake_python, with the folder of an installation prefix that each names.
-"""
+"""Variables of CMake, GNUInstallDirs and ament_cmake_python that name a folder of the installation, each with that
+folder."""
 _FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
 _PREDEFINED = {**_INSTALL_FOLDERS, **dict.fromkeys(_FOLDERS, "."), "ENV{ROS_VERSION": "2"}
 _NOT_CHANGED_ELSEWHERE = {*_PREDEFINED, "PROJECT_NAME"}
-"""Variables that the reader assumes functions and other files not to change."""
+"""Variables that functions and other files are assumed not to change, so their values stay known to the CMake reader.
+"""
 _DEFINITION = re.compile(r"\b(?:function|macro)\s*\(\s*([\w-]+)", re.IGNORECASE)
 _WORD = re.compile(r'[^\s()"#;]+')
 _GLOB_OPTIONS = {"RELATIVE": 2, "LIST_DIRECTORIES": 2, "CONFIGURE_DEPENDS": 1, "FOLLOW_SYMLINKS": 1}
-"""Options of `file(GLOB)`, each with its number of words."""
+"""Options of CMake's `file(GLOB)`, each with the number of words that it takes."""
 _MAX_STARS = 4
 _INCLUDES_FILE = re.compile(r"\binclude\s*\([^()]*[./$]", re.IGNORECASE)
 _MAX_PATH = 4096
@@ -89,7 +90,7 @@ class CMakeArgument(NamedTuple):
 class CMakeCommand(NamedTuple):
     """Command of a CMakeLists.txt: name in lower case, arguments, start offset, end offset (exclusive).
 
-    Parentheses inside the command are arguments.
+    Parentheses that are nested inside the command's parentheses count as arguments.
     """
 
     name: str
@@ -129,8 +130,8 @@ class CMakeScript:
     """Contents of a CMakeLists.txt: the `calls` of commands that define interfaces, installed files, targets and tests.
 
     A call is a command name and arguments. Calls in branches that a build may skip are listed, too. The first argument
-    of a `rosidl_generate_interfaces` call, its target, is not certain in such a branch, or if the target's name is
-    unknown. A call of `add_subdirectory` is listed if that folder has install rules.
+    of a `rosidl_generate_interfaces` call is the name of its target. This argument is marked as uncertain in such a
+    branch, or if the name is unknown. A call of `add_subdirectory` is listed if that folder has install rules.
     """
 
     def __init__(self, folder: Path, text: str, budget: PackageBudget | None = None) -> None:
@@ -240,7 +241,9 @@ class CMakeScript:
         return items
 
     def _items(self, word: CMakeArgument) -> list[CMakeArgument]:
-        """Return the loop items that an argument of `foreach` becomes; a quoted argument stays one item."""
+        """Return the loop items that an argument of CMake's `foreach` becomes: a list becomes its elements, a quoted
+        argument one item.
+        """
         items = self._expand(word)
         if word.quote and len(items) > 1:
             text = ";".join(item.text for item in items)
@@ -249,13 +252,18 @@ class CMakeScript:
         return items
 
     def _run_maybe(self, marks: list[int], text: str) -> None:
-        """Record the calls of a block that may run repeatedly or never, and make the variables it changes unknown."""
+        """Record the calls of a CMake block that may run repeatedly or never, and mark the variables that it changes as
+        unknown.
+        """
         self._forget(text)
         changed, _ = self._branch(marks[0] + 1, marks[-1])
         self._set_unknown(changed)
 
     def _branch(self, start: int, stop: int) -> tuple[dict[str, _Value], bool]:
-        """Read commands that a build may skip; return the changed variables, and True if they end the script."""
+        """Read CMake commands that a build may skip.
+
+        Returns the variables that these commands change, and True if they end the script.
+        """
         before = self._values
         self._values = before.new_child()
         self._undecided += 1
@@ -266,7 +274,10 @@ class CMakeScript:
         return changed, is_ended
 
     def _join(self, outcomes: list[dict[str, _Value]]) -> None:
-        """Set the variables that branches of a condition changed; elements that depend on the branch are uncertain."""
+        """Merge the variables that the branches of a CMake condition changed.
+
+        Elements that depend on the branch become uncertain.
+        """
         for name in dict.fromkeys(name for outcome in outcomes for name in outcome):
             is_set_before, before = name in self._values, self._values.get(name)
             values = [outcome.get(name, before) for outcome in outcomes]
@@ -381,7 +392,10 @@ class CMakeScript:
             self._values[name] = value
 
     def _own(self, name: str) -> _Value:
-        """Return the list of a variable for the caller to change; [] for an unset variable, None for an unknown one."""
+        """Return a copy of a CMake variable's list that the caller may change.
+
+        Returns [] for an unset variable, None for an unknown one.
+        """
         own = self._values.maps[0]
         if name not in own:
             before = self._values.get(name, [])
@@ -397,7 +411,8 @@ class CMakeScript:
         self._set_unknown(list(self._values))
 
     def _forget(self, text: str, *names: str) -> None:
-        """Set the variables to unknown that the commands in `text` may change if their arguments are `names`.
+        """Mark CMake variables as unknown that the commands in `text` may change when called with the arguments
+        `names`.
 
         These are the variables named by words of the text, by the values of these words, and by words with `${...}`
         inside.
@@ -427,7 +442,7 @@ class CMakeScript:
         self._set_unknown(forgotten)
 
     def _include(self, target: CMakeArgument, *, is_include: bool) -> None:
-        """Set the variables to unknown that an included file or subdirectory of the package may set."""
+        """Mark CMake variables as unknown that an included file or a subdirectory of the package may set."""
         path = inside(posixpath.join(self._only(target), "" if is_include else "CMakeLists.txt"))
         text = ""
         with suppress(UnreadableError):  # a module of CMake is not in the package
@@ -454,7 +469,9 @@ class CMakeScript:
         return values[0].text if len(values) == 1 and values[0].certain else UNKNOWN
 
     def _scalar(self, name: str) -> str | None:
-        """Return the value of a variable as one text; None if the value is uncertain or nothing sets the variable."""
+        """Return the value of a CMake variable as one text; None if the value is uncertain or the variable
+        is not set.
+        """
         value = self._values.get(_key(name))
         if value is None or not all(one.certain and one.text != UNKNOWN for one in value):
             return None
@@ -474,7 +491,10 @@ class CMakeScript:
         return found
 
     def _expand(self, *words: CMakeArgument) -> list[CMakeArgument]:
-        """Return arguments with their variable references replaced; a list becomes its elements, also inside quotes."""
+        """Return CMake arguments with their variable references replaced.
+
+        A list becomes its elements, also inside quotes.
+        """
         found: list[CMakeArgument] = []
         for word in words:
             parts = [word.text] if word.quote == "[" else _REFERENCE.split(word.text)
@@ -500,9 +520,9 @@ class CMakeScript:
         return [CMakeArgument(UNKNOWN)] if found is None else found
 
     def _glob(self, words: list[CMakeArgument], *, is_deep: bool) -> _Value:
-        """Return the files that the patterns of `file(GLOB)` match; None if they cannot be determined.
+        """Return the files that the patterns of CMake's `file(GLOB)` match; None if they cannot be determined.
 
-        The paths begin with the package folder, or are relative to the RELATIVE folder.
+        The paths begin with the package folder, or are relative to the folder of the option RELATIVE.
         """
         if not self._files:
             self._files = [path.split("/") for path in self._budget.entries("", files_below(self._folder))]
@@ -531,12 +551,17 @@ class CMakeScript:
 
 
 def _key(name: str) -> str:
-    """Return the key of a variable in the reader's table; the name of an environment variable has an open brace."""
+    """Return the key under which the reader stores a CMake variable.
+
+    The key of an environment variable contains an open brace, so that it differs from every other variable.
+    """
     return name[:-1] if name.startswith("ENV{") else name
 
 
 def _find_blocks(commands: list[CMakeCommand]) -> dict[int, list[int]]:
-    """Return the indices of the commands that begin or end a block's sections, by the index of its first command."""
+    """Return, for the first command of each CMake block, the indices of the commands that begin or end sections of the
+    block.
+    """
     found: dict[int, list[int]] = {}
     is_open: list[list[int]] = []
     for at, (name, *_) in enumerate(commands):
@@ -555,7 +580,7 @@ def _find_blocks(commands: list[CMakeCommand]) -> dict[int, list[int]]:
 
 
 def inside(path: str) -> str | None:
-    """Return a path relative to the package folder; None if the path is outside of the folder or unknown."""
+    """Return the path relative to the package folder; None if the path is outside of the folder or unknown."""
     path = posixpath.normpath(path)
     is_outside = len(path) > _MAX_PATH or UNKNOWN in path or path.startswith(("/", "../")) or path in (".", "..")
     return None if is_outside else path

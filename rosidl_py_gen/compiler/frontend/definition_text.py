@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 MAX_LINES = 20_000
-"""Maximum lines of an expanded definition: a type that contains the next type twice doubles the text at each level."""
+"""Maximum lines of a definition that is displayed with all its types. Without a limit, types that each contain the next
+type twice would double the text at every level."""
 _SEPARATOR = "=" * 80
 
 
@@ -97,7 +98,7 @@ def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested
 
 
 def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, FieldDef | None]]:
-    """Yield the lines of a definition; each line has the field that it defines, or None."""
+    """Yield the lines of a definition, each with the field that the line defines, or None."""
     message = registry.message(str(name))
     interface = registry.interface(name)
     if interface is None or interface.source.format == "idl" or not interface.source.text:

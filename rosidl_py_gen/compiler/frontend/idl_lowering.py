@@ -1,7 +1,7 @@
-"""Conversion of the syntax tree of an .idl file to an interface: the rosidl subset of IDL.
+"""Conversion of the syntax tree of an .idl file to an interface; rosidl supports a subset of IDL.
 
 One struct is a message, two are a service, three an action. Constants of struct S are in a module S_Constants. The
-subset: docs/internals/protocol.md 1.8.
+subset is described in docs/internals/protocol.md 1.8.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ _BASES = {
     **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
 }
 _MAX_TYPEDEFS = 16
-"""Maximum depth of typedefs that refer to other typedefs, and of constants that refer to other constants."""
+"""Maximum length of a chain of typedefs, or of constants, in an .idl file, in which each refers to the next."""
 
 
 @dataclass(slots=True)
 class _IdlSymbolTable:
-    """Declarations of an .idl file by name; structs are stored with the modules that contain them."""
+    """Declarations of an .idl file by name; each struct is stored with the names of the modules that contain it."""
 
     structs: list[tuple[tuple[str, ...], IdlStruct]] = field(default_factory=list)
     constants: dict[str, list[IdlConst]] = field(default_factory=dict)
@@ -88,7 +88,10 @@ class _IdlSymbolTable:
                     raise name.problem("enums are not usable in ROS interfaces; use constants")
 
     def constant(self, name: str) -> list[IdlConst]:
-        """Return the constants that a scoped name may refer to; of its modules, only the last is compared."""
+        """Return the constants to which a scoped name of an .idl file may refer.
+
+        Only the last module of the name is compared.
+        """
         *path, last = name.split("::")
         every = (const for module, consts in self.constants.items() if path[-1:] in ([], [module]) for const in consts)
         return [const for const in every if const.name.text == last]
@@ -112,7 +115,10 @@ def parse_idl_interface(name: RosName, source: SourceText, diagnostics: Diagnost
 
 
 def _check_typedef(typedef: IdlTypedef, scope: _IdlSymbolTable) -> None:
-    """Raise `SyntaxProblem` for an unsupported typedef, even if no field uses it; names are checked at their use."""
+    """Raise `SyntaxProblem` for a typedef of an unsupported type, even if no field uses it.
+
+    Named types are checked where they are used.
+    """
     declarator, kind = typedef.declarator, typedef.type
     for base in (kind, kind.element):
         if base is not None and base.kind == "base":
@@ -281,7 +287,10 @@ def _constant(const: IdlConst, scope: _IdlSymbolTable, source: SourceText) -> Co
 
 
 def _fit(kind: FieldType, value: Scalar, at: Token) -> Scalar:
-    """Return a constant or default value in the Python type of its field; raise `SyntaxProblem` if it does not fit."""
+    """Return a constant or default value of an .idl file as the Python type of its field.
+
+    Raises `SyntaxProblem` if the value does not fit the type.
+    """
     primitive = kind.primitive
     if primitive is None:
         if isinstance(value, str) and (not kind.string_bound or len(value) <= kind.string_bound):

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 MAX_TOKENS = 250_000
-"""Maximum tokens of an .idl file without comments; a token takes 400 bytes, and may be a single character."""
+"""Maximum tokens of an .idl file, not counting comments; a token can be one character, and takes 400 bytes of memory.
+"""
 _TOKEN_NAMES = {
     "LSQB": '"["',
     "RSQB": '"]"',
@@ -70,7 +71,7 @@ class IdlExpression:
 
 @dataclass(frozen=True, slots=True)
 class IdlType:
-    """Type in an .idl file.
+    """Type that an .idl file states for a field or typedef.
 
     Attributes:
         kind: base, string, sequence or name.

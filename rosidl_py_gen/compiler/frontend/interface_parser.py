@@ -1,7 +1,7 @@
-"""Parser of one interface file or text: returns a MessageDef, ServiceDef or ActionDef.
+"""Parser of one interface file or text, which returns a MessageDef, ServiceDef or ActionDef.
 
-The parser splits .srv and .action files at their separators and selects the language by format. Problems are collected,
-not raised, so that a run over many files reports all of them.
+The parser splits .srv and .action files at their separators and selects the language by format. Diagnostics are
+collected, not raised, so that a run over many files reports all of them.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
 
 _ALMOST_SEPARATOR = re.compile(r"\s*(?:[-\u2010-\u2015\u2212_=*~]\s*){2,}(?:#.*)?")
-"""Pattern of a line that is probably meant as a separator ``---``: too short or long, with blanks, a comment or other
-dashes."""
+"""Pattern of a line that was probably meant as the separator ``---``: too short or too long, with blanks, with a
+comment, or with other dashes."""
 
 
 def read_source(path: Path, display: str, diagnostics: Diagnostics) -> SourceText | None:
@@ -79,7 +79,7 @@ def may_be_file(name: RosName) -> bool:
 
 
 def separators(text: str) -> int:
-    """Return the number of separator lines (``---``) in the text of a .srv or .action file."""
+    """Return the number of separator lines (``---``) in a .srv or .action text."""
     return sum(line == "---" for line in text.splitlines())
 
 

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Default, Scalar
 
 _MAX_DIGITS = 400
-"""Maximum digits of an integer: more than any valid value has, fewer than Python refuses to convert."""
+"""Maximum digits of an integer in a definition: more digits than any valid value has, fewer than Python refuses to
+convert."""
 _MAX_ELEMENTS_AT_ONCE = 4096
-"""Maximum number of list elements that Python parses at a time; the syntax tree takes 250 bytes for each element."""
+"""Maximum elements of a list in a definition that Python parses at a time; the syntax tree takes 250 bytes for each
+element."""
 _IDL_STRING = re.compile(r'"(.*?)(?<!\\)(?:\\\\)*?"')
 _IDL_ESCAPE = re.compile(r"\\[ntvbrfa\\?'\"]|\\[0-7]{1,3}|\\x[0-9a-fA-F]{1,2}")
 _PYTHON_ESCAPE = re.compile(r"\\([4-7][0-7]{2}|.)", re.DOTALL)
@@ -29,7 +31,10 @@ _IDL_WIDE_ESCAPE = re.compile(_IDL_ESCAPE.pattern + r"|\\u[0-9a-fA-F]{1,4}")
 
 
 class LiteralProblem(ValueError):
-    """Error of a text that is no value of its type; `is_at_end` is True if a list ends where an element is expected."""
+    """Error for a text that is not a value of the expected type.
+
+    `is_at_end` is True if a list ends where an element is expected.
+    """
 
     def __init__(self, text: str, is_at_end: bool = False) -> None:
         super().__init__(text)
@@ -65,7 +70,7 @@ def parse_scalar(kind: FieldType, text: str) -> Scalar:
 
 
 def file_scalar(kind: FieldType, text: str) -> Scalar:
-    """Return the value of a constant or default as the file has it, before rosidl's conversion to IDL.
+    """Return the value of a constant or default as the file states it, before rosidl converts the text to IDL.
 
     Bounds of strings are not checked. Raises `LiteralProblem` if the text is not a value of the type.
     """
@@ -170,10 +175,10 @@ def split_strings(text: str) -> list[str]:
 
 
 def _quoted(text: str, start: int) -> tuple[str, int]:
-    """Return the quoted string at `start` and the position after it; raises `LiteralProblem` without closing quote.
+    """Return the quoted string at index `start` of a text and the index after it.
 
-    Quirks of rosidl: it misses a quote directly after an escaped quote, and from the second escaped quote on measures
-    the length from the last one.
+    Raises `LiteralProblem` if the closing quote is missing. Quirks of rosidl are reproduced: rosidl misses a quote
+    directly after an escaped quote, and from the second escaped quote on measures the length from the last one.
     """
     quote = text[start]
     position, skipped = start, 0
@@ -202,7 +207,8 @@ def _through_idl(value: str) -> str:
 
 
 def _known_escape(found: re.Match[str]) -> str:
-    """Return an escape that `unicode_escape` supports unchanged; double the backslash of any other escape.
+    """Return an escape sequence that the codec `unicode_escape` supports unchanged, or with its backslash doubled if it
+    does not.
 
     Raises `LiteralProblem` for an octal escape above 0o377.
     """
@@ -220,7 +226,7 @@ def python_value(text: str) -> object:
 
 
 def _quiet_escape(found: re.Match[str]) -> str:
-    """Return an escape of a Python string literal in a form for which Python does not warn."""
+    """Return an escape sequence of a Python string literal in an equivalent form for which Python emits no warning."""
     return f"\\u{int(found[1], 8):04x}" if len(found[1]) == 3 else _known_escape(found)
 
 

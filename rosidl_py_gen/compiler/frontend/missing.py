@@ -1,4 +1,6 @@
-"""Error texts for packages and interfaces missing on the search path: where they are, and why they are not found."""
+"""Error texts for packages and interfaces that are missing on the search path: where they were found instead, and why
+the search ignores them.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,16 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 MAX_FOLDERS = 2000
-"""Maximum folders that are searched for an error text, which takes 0.1 s; a large home folder has many more."""
+"""Maximum number of folders that are searched to improve an error text, which takes 0.1 s; a large home folder has many
+more."""
 _NOT_SOURCES = ("build", "install", "log", "node_modules", "site-packages")
 
 
 class _Place(NamedTuple):
-    """Folder of a package; `mark` is the marker file that makes the search ignore the folder, or None."""
+    """Folder in which a missing package was found.
+
+    `mark` is the marker file that makes the search ignore the folder, or None.
+    """
 
     folder: Path
     mark: Path | None
@@ -81,7 +87,10 @@ def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
 
 
 def _find(root: Path, package: str) -> _Place | None:
-    """Return the folder of a package below `root`; of several, preferably one that a search does not ignore."""
+    """Return the folder of a package below `root`.
+
+    Of several folders, preferably one that the search path does not ignore.
+    """
     found: list[_Place] = []
     waiting: list[tuple[Path, Path | None]] = [(root, None)]
     for folder, above in waiting:  # grows inside the loop

@@ -16,7 +16,8 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
-"""Maximum diagnostics for one file: computing a suggestion takes longer than reading the line."""
+"""Maximum diagnostics that are collected for one file, because computing a suggestion takes longer than reading the
+line."""
 SECTIONS: dict[str, tuple[str, ...]] = {
     "msg": ("",),
     "srv": ("Request", "Response"),
@@ -33,15 +34,16 @@ IMPLIED = {
     "srv": ("service_msgs",),
     "action": ("unique_identifier_msgs", "builtin_interfaces", "action_msgs", "service_msgs"),
 }
-"""Packages on which every interface of a kind depends, although its file does not name them."""
+"""Packages on which every interface of a kind (msg, srv, action) depends, although its file does not name them."""
 DERIVED_TYPES_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
-"""Packages with the types that derived messages refer to; type descriptions may lack these types."""
+"""Packages with the types to which derived messages refer, such as service events; type descriptions may lack these
+types."""
 _Fields = Sequence[tuple[str, FieldType, str]]
-"""Name, type and comment of each field of a derived message."""
+"""Name, type and comment of each field of a message that is derived from a service or action."""
 
 
 class SyntaxProblem(Exception):
-    """Error of a definition that breaks a rule of its language; `line` and `column` are 1-based."""
+    """Error for text of a definition that breaks a rule of its language; `line` and `column` are 1-based."""
 
     def __init__(self, line: int, column: int, text: str) -> None:
         self.line = line
@@ -58,14 +60,14 @@ class Token(NamedTuple):
     column: int
 
     def problem(self, text: str) -> SyntaxProblem:
-        """Return a `SyntaxProblem` with this text at the token's position."""
+        """Return a `SyntaxProblem` with the given error text at the position of this token."""
         return SyntaxProblem(self.line, self.column, text)
 
 
 class SourceText(NamedTuple):
     """Text of a definition with its path for display; the format is msg, srv, action, idl, or ``implicit``.
 
-    The text of ``implicit``, which type descriptions without a source have, is empty.
+    Type descriptions without a source have the format ``implicit`` and an empty text.
     """
 
     path: str
@@ -81,14 +83,17 @@ class Location(NamedTuple):
     column: int
 
     def diagnostic(self, text: str) -> Diagnostic:
-        """Return a diagnostic with this text at the location; it includes the source line, for display with a caret."""
+        """Return a diagnostic with the given text at this location.
+
+        It includes the source line, for display with a caret.
+        """
         lines = self.source.text.splitlines()
         line = lines[self.line - 1].replace("\t", " ") if 0 < self.line <= len(lines) else ""
         return Diagnostic(self.source.path, self.line, self.column, text, line)
 
 
 class FieldDef(NamedTuple):
-    """Definition of a field; `default` is a tuple for arrays, `unit` the text in brackets in the comment."""
+    """Definition of a message field; `default` is a tuple for arrays, `unit` is the text in brackets in the comment."""
 
     name: str
     type: FieldType
@@ -110,7 +115,9 @@ class ConstantDef(NamedTuple):
 
 
 class MessageDef(NamedTuple):
-    """Definition of a message: from a .msg file, from a section of another file, or derived."""
+    """Definition of a message from a .msg file, from a section of a .srv or .action file, or derived from a service or
+    action.
+    """
 
     name: RosName
     fields: tuple[FieldDef, ...]
@@ -167,7 +174,7 @@ def messages_of(interface: Interface) -> tuple[MessageDef, ...]:
 
 
 def sections_of(interface: Interface) -> tuple[MessageDef, ...]:
-    """Return the messages that the file of an interface defines; derived messages are not included."""
+    """Return the messages that the file of an interface defines, without the messages that ROS derives from them."""
     return (interface,) if isinstance(interface, MessageDef) else interface.sections
 
 
@@ -186,7 +193,10 @@ class Diagnostics:
     _counts: dict[str, int] = field(default_factory=dict)
 
     def add(self, location: Location, text: str) -> None:
-        """Add a diagnostic at a location; from `MAX_PROBLEMS` diagnostics of a file on, further ones are dropped."""
+        """Add a diagnostic at a location.
+
+        If its file has `MAX_PROBLEMS` diagnostics already, the diagnostic is dropped.
+        """
         path = location.source.path
         count = self._counts[path] = self._counts.get(path, 0) + 1
         if count <= MAX_PROBLEMS:
@@ -195,7 +205,7 @@ class Diagnostics:
             self.items.append(location.diagnostic(f"there are more problems; the first {MAX_PROBLEMS} are shown"))
 
     def is_full(self, location: Location) -> bool:
-        """Return True if further diagnostics of the location's file are not reported."""
+        """Return True if the location's file has so many diagnostics that further ones are dropped."""
         return self._counts.get(location.source.path, 0) > MAX_PROBLEMS
 
 
@@ -205,12 +215,12 @@ def derived_name(name: RosName, suffix: str) -> RosName:
 
 
 def section_names(name: RosName, kind: str) -> list[RosName]:
-    """Return the names of the messages that the file of an interface of a kind (msg, srv, action) defines."""
+    """Return the full names of the messages that the file of an interface defines; its kind is msg, srv or action."""
     return [derived_name(name, suffix) if suffix else name for suffix in SECTIONS[kind]]
 
 
 def service(name: RosName, request: MessageDef, response: MessageDef, source: SourceText) -> ServiceDef:
-    """Return a service definition of a request and response, with the derived event message."""
+    """Return the definition of a service made of its request and response, with the derived event message."""
     pair = [("request", str(request.name)), ("response", str(response.name))]
     event = _message(
         derived_name(name, "Event"),
@@ -228,7 +238,9 @@ def service(name: RosName, request: MessageDef, response: MessageDef, source: So
 
 
 def action(name: RosName, goal: MessageDef, result: MessageDef, feedback: MessageDef, source: SourceText) -> ActionDef:
-    """Return an action definition of its sections, with the derived feedback message and services."""
+    """Return the definition of an action made of its goal, result and feedback, with the derived feedback message and
+    services.
+    """
     goal_id = ("goal_id", FieldType(_UUID), "ID of the goal.")
     send_goal = _service(
         derived_name(name, "SendGoal"),
@@ -258,7 +270,9 @@ def action(name: RosName, goal: MessageDef, result: MessageDef, feedback: Messag
 
 
 def assemble(name: RosName, messages: list[MessageDef], source: SourceText) -> Interface:
-    """Return the interface of its messages: one is a message, two are a service's sections, three an action's."""
+    """Return the interface that consists of the given messages: one is a message, two are a service, three
+    an action.
+    """
     match messages:
         case [message]:
             return message

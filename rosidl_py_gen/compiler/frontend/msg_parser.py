@@ -1,11 +1,11 @@
-"""Parser of a .msg file, or of a section in .msg notation: from its lines to a message.
+"""Parser of a .msg file, or of a section in .msg notation, from its lines to a message definition.
 
 The language of a field or constant is regular, so a table defines it: the pattern of each token, and the tokens that
 may follow. Spaces separate type, name and default, so they are tokens, too. Names and values are checked later, where
 an error can state the rule. Rules: docs/internals/protocol.md 1.3.
 
-Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the line a
-constant, blanks before an element are an error.
+Quirks of rosidl are reproduced on purpose: a `#` starts a comment even inside quotes, a `=` anywhere after the type
+makes the line a constant, blanks before an element are an error.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ _OPTIONAL = re.compile(r"@optional +(?=[^ ])")
 _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 _MAX_SIZE_DIGITS = 20
 _MAX_SIZE = 2**64 - 1
-"""Maximum size or bound in a type: a type description stores it as uint64."""
+"""Maximum array size or string bound in a type of a .msg file, because a type description stores it as uint64."""
 
 
 class _Rule(NamedTuple):
-    """Grammar rule of a token in a .msg line: its pattern, its name in errors, and the tokens that may follow.
+    """Grammar rule of a token in a .msg line: its pattern, its name in errors, and the kinds of tokens that may follow.
 
-    No two of the tokens that may follow begin alike.
+    The patterns of the tokens that may follow exclude each other.
     """
 
     pattern: str
@@ -101,11 +101,11 @@ _RULES = {
 _FOLLOWING = {
     kind: re.compile("|".join(f"({_RULES[one].pattern})" for one in rule.following)) for kind, rule in _RULES.items()
 }
-"""Patterns that match any token that may follow a token; each possible token has one group."""
+"""Regular expression for each token kind of a .msg line, with one group for each token that may follow this kind."""
 
 
 def parse_element(text: str, line: int, start: int = 0) -> dict[str, Token]:
-    """Return the tokens of the line of a field or constant, by token kind; raises `SyntaxProblem`.
+    """Return the tokens of a .msg line that defines a field or constant, by token kind; raises `SyntaxProblem`.
 
     A type with a package has the package as ``type`` and the name as ``member``. A constant has ``equals``, and
     ``value`` unless the value is empty.
@@ -137,9 +137,9 @@ def _problem(kind: str, text: str, line: int, position: int) -> SyntaxProblem:
 def parse_section(
     name: RosName, lines: Sequence[str], first_line: int, source: SourceText, diagnostics: Diagnostics
 ) -> MessageDef:
-    """Return the message of a .msg, or of one section of a .srv or .action; lines with problems are skipped.
+    """Return the message of a .msg file, or of one section of a .srv or .action file; lines with errors are skipped.
 
-    The problems are added to `diagnostics`. `first_line` is the 1-based number of the first line in the file.
+    The errors are added to `diagnostics`. `first_line` is the 1-based number of the first line in the file.
     """
     lines = [line.replace("\t", " ") for line in lines]
     count = next((index for index, line in enumerate(lines) if not line.startswith("#")), len(lines))
@@ -156,7 +156,10 @@ def parse_section(
 
 
 class _Section:
-    """Fields and constants of a section; indented comment lines after an element extend the element's comment."""
+    """Fields and constants of a message section while it is parsed.
+
+    Indented comment lines after a field extend its comment.
+    """
 
     def __init__(self, name: RosName, source: SourceText, diagnostics: Diagnostics) -> None:
         self._name, self._source, self._diagnostics = name, source, diagnostics
@@ -301,7 +304,10 @@ def _check_duplicates(elements: Sequence[FieldDef | ConstantDef], diagnostics: D
 
 
 def _cut_unit(lines: list[str]) -> tuple[list[str], str]:
-    """Return comment lines without the unit in brackets, and the unit; "" unless the comment has exactly one unit."""
+    """Return the lines of a comment without the unit in brackets, and the unit.
+
+    Returns "" unless the comment has exactly one unit.
+    """
     units = _UNIT.findall("\n".join(lines))
     if len(units) != 1:
         return lines, ""
@@ -309,7 +315,9 @@ def _cut_unit(lines: list[str]) -> tuple[list[str], str]:
 
 
 def _tidy(lines: list[str]) -> tuple[str, ...]:
-    """Return dedented comment lines without blank lines at both ends and without repeated blank lines."""
+    """Return the lines of a comment without common indentation, without blank lines at both ends, and without repeated
+    blank lines.
+    """
     tidy: list[str] = []
     for line in map(str.rstrip, lines):
         if line or (tidy and tidy[-1]):

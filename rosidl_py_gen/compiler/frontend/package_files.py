@@ -21,14 +21,14 @@ _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
 """Maximum size in bytes of a CMakeLists.txt or another file that is read from a package."""
 MAX_FOLDER_DEPTH = 100
-"""Maximum depth of folders of a package: the time to reach a folder grows with its depth."""
+"""Maximum depth of folders of a package, because the time to reach a folder grows with its depth."""
 _MAX_ENTRIES = 100_000
-"""Maximum files and folders below a package folder; the limit stops the search of a wrong folder, such as a home
-folder."""
+"""Maximum files and folders below a package folder. The limit stops a search that was started in a wrong folder, such
+as a home folder."""
 
 
 class UnreadableError(RosidlError):
-    """Error of a package's file or folder that cannot be read; `offset` is the position in the file's text, or -1."""
+    """Error for a package's file or folder that cannot be read; `offset` is the position in the file's text, or -1."""
 
     def __init__(self, reason: str, offset: int = -1) -> None:
         super().__init__(reason)
@@ -36,7 +36,9 @@ class UnreadableError(RosidlError):
 
 
 def mentions_interfaces(folder: Path) -> bool:
-    """Return True if a folder has a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
+    """Return True if a folder has a CMakeLists.txt, and this file or package.xml mentions the generation of
+    interfaces.
+    """
     for name in ("CMakeLists.txt", "package.xml"):
         note(folder / name)
         if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
@@ -62,7 +64,10 @@ def interface_name(package: str, path: str) -> RosName | None:
 
 
 def is_of_package(folder: Path, path: str) -> bool:
-    """Return True if a file belongs to the package: only files in msg, srv and action may be links to outside."""
+    """Return True if a file belongs to the package.
+
+    Only files in msg, srv and action may be links to files outside of the package.
+    """
     return os.path.dirname(path) in KINDS or _is_inside(folder, path)
 
 
@@ -108,7 +113,10 @@ def files_below(folder: Path) -> list[str]:
 
 
 def read_text(folder: Path, name: str) -> str:
-    """Return the text of a file of a package; raises `UnreadableError` for a missing, too large or outside file."""
+    """Return the text of a file of a package.
+
+    Raises `UnreadableError` for a file that is missing, too large, or outside of the package.
+    """
     note(folder / name)
     try:
         if not _is_inside(folder, name):

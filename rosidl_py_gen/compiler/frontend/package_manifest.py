@@ -36,7 +36,7 @@ def read_package_manifest(text: str) -> ManifestValues:
 
 
 def _elements(text: str) -> Iterator[tuple[str, str, str]]:
-    """Yield tag, attributes and text of each XML element whose tag the reader knows."""
+    """Yield tag, attributes and text of each XML element of a package.xml whose tag the reader uses."""
     text = _without_comments(text)
     position = 0
     while start := _START.search(text, position):

@@ -1,6 +1,6 @@
-"""Selection of the interfaces that can be generated although others have problems.
+"""Selection of the interfaces that can be generated although other interfaces have errors.
 
-An interface is skipped if its own file has problems, or if it needs a skipped interface. In the second case it gets a
+An interface is skipped if its own file has errors, or if it needs a skipped interface. In the second case it gets a
 diagnostic with the cause.
 """
 
@@ -25,13 +25,14 @@ if TYPE_CHECKING:
 def drop_unused_invalid_files(
     registry: InterfaceRegistry, names: list[RosName], wanted: Container[str]
 ) -> list[RosName]:
-    """Return the names without invalid files that no interface refers to, if CMakeLists.txt does not list the files.
+    """Return the names without invalid files that no interface refers to, if CMakeLists.txt does not list the package's
+    files.
 
     The diagnostics of skipped files become notes of their package. If this would skip all files of a package, none is
     skipped.
 
     Args:
-        registry: contains the diagnostics of `check` over the names.
+        registry: contains the diagnostics of `check` for the names.
         names: a selection that has all its dependencies.
         wanted: full names that must not be dropped.
     """
@@ -62,7 +63,9 @@ def drop_unused_invalid_files(
 
 
 def split_valid(registry: InterfaceRegistry, names: list[RosName]) -> tuple[list[RosName], list[Diagnostic]]:
-    """Return the usable interfaces of a checked selection, and diagnostics for those that only need an invalid one."""
+    """Return the usable interfaces of a checked selection, and diagnostics for interfaces that are valid but need an
+    invalid one.
+    """
     wrong = _with_problems(registry, names)
     if not wrong:
         return names, []
@@ -87,7 +90,7 @@ def _with_problems(registry: InterfaceRegistry, names: list[RosName]) -> list[Ro
 
 
 def _users(registry: InterfaceRegistry, names: list[RosName]) -> dict[RosName, dict[RosName, FieldDef]]:
-    """Return by interface the interfaces that use it, each with its first field of that type."""
+    """Return a dictionary from each interface to the interfaces that use it, each with its first field of that type."""
     users: dict[RosName, dict[RosName, FieldDef]] = {}
     for name in names:
         interface = registry.interface(name)

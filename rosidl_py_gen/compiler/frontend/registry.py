@@ -1,7 +1,7 @@
-"""Checked set of interfaces of a search path and a selection: parsed, complete, free of cycles.
+"""Registry of the interfaces of a search path: parses, selects and checks definitions.
 
 `InterfaceRegistry` parses on demand and never twice. `select` converts the user's filter to interfaces and adds their
-dependencies; `check` reports references to types that do not exist, and types that contain themselves; `resolve_name`
+dependencies. `check` reports references to types that do not exist, and types that contain themselves. `resolve_name`
 and `read_checked` find and check one interface.
 """
 
@@ -45,12 +45,15 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 _COMMON_PACKAGES = ("std_msgs", "builtin_interfaces", "geometry_msgs")
-"""Packages whose types are suggested first for unknown types: in ROS 1, types of the first two need no package."""
+"""Packages whose types are suggested first for unknown types. In ROS 1, types of the first two packages could be
+written without package."""
 _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMessage|SendGoal|GetResult)\Z")
 
 
 class InterfaceRegistry:
-    """Interfaces by name, parsed on first use, with the diagnostics of the files that were read."""
+    """Collection of interfaces by name, which are parsed on first use, with the diagnostics of the files that were
+    read.
+    """
 
     def __init__(self, search: SearchPath) -> None:
         self.search = search
@@ -62,25 +65,28 @@ class InterfaceRegistry:
         self._missing: set[tuple[str, str]] = set()
 
     def is_first_report(self, path: str, package: str) -> bool:
-        """Return True for the first call with a file and a missing package, so that a file reports a package once."""
+        """Return True once for each file and missing package, so that a file reports a missing package only once."""
         is_new = (path, package) not in self._missing
         self._missing.add((path, package))
         return is_new
 
     def add_text(self, name: RosName, source: SourceText) -> Interface | None:
-        """Parse and add an interface whose text is not from the search path; it hides a file of the same name.
+        """Parse and add an interface whose text is not from the search path; it replaces a file of the same name.
 
-        Returns None, after a diagnostic, if the text cannot be used.
+        Returns None, after adding a diagnostic, if the text cannot be used.
         """
         return self.add(name, parse_interface(name, source, self.diagnostics))
 
     def add(self, name: RosName, interface: Interface | None) -> Interface | None:
-        """Add an interface that is not from the search path; it hides a file of the same name."""
+        """Add an interface that is not from the search path; it replaces a file of the same name."""
         self._texts.add(name)
         return self._store(name, interface)
 
     def interface(self, name: RosName) -> Interface | None:
-        """Return an interface; None if it has no file, or its file has problems, which are then in `diagnostics`."""
+        """Return the interface with a full name.
+
+        Returns None if there is no file for it, or if its file has errors, which are then in `diagnostics`.
+        """
         if name not in self._interfaces:
             path = self.search.file(name)
             source = read_source(path, display_path(path), self.diagnostics) if path else None
@@ -100,7 +106,10 @@ class InterfaceRegistry:
         return package in self.search.packages or any(name.package == package for name in self._texts)
 
     def message(self, full_name: str) -> MessageDef | None:
-        """Return a message by full name, also a derived one (``pkg/srv/X_Request``); None if it does not exist."""
+        """Return the message with a full name, which may be derived from a service or action (``pkg/srv/X_Request``).
+
+        Returns None if it does not exist.
+        """
         if full_name not in self._messages:
             name = split_ros_name(full_name)
             self.interface(name)
@@ -119,7 +128,10 @@ class InterfaceRegistry:
         return True
 
     def owner(self, name: RosName) -> RosName | None:
-        """Return the interface that defines a name: X for a derived name such as ``X_Request``; None if none does."""
+        """Return the full name of the interface that defines a type: X for a derived type such as ``X_Request``.
+
+        Returns None if no interface defines it.
+        """
         stem = name.name
         while not self.exists(name._replace(name=stem)):
             stem, underscore, _ = stem.rpartition("_")
@@ -128,7 +140,7 @@ class InterfaceRegistry:
         return name._replace(name=stem)
 
     def field_rows(self, full_name: str) -> Iterable[FieldRow]:
-        """Return the fields of a message, service or action as rows for a type description.
+        """Return the fields of a message, service or action in the form that type descriptions are made from.
 
         Raises:
             TypeNotFoundError: no interface has this name.
@@ -144,7 +156,7 @@ class InterfaceRegistry:
         return service_rows(full_name)
 
     def type_hash(self, full_name: str) -> str:
-        """Return the RIHS01 hash of a message, service or action whose references all exist."""
+        """Return the RIHS01 hash of a message, service or action; all types to which it refers must exist."""
         return self._hashes.of(full_name)
 
     def all_hashes(self, full_name: str) -> dict[str, str]:
@@ -152,11 +164,15 @@ class InterfaceRegistry:
         return {name: self.type_hash(name) for name in self.closure(full_name)}
 
     def closure(self, full_name: str) -> list[str]:
-        """Return the full name of a type, followed by the sorted names of the types that it refers to."""
+        """Return the full name of a type, followed by the sorted names of all types to which it refers, at
+        any depth.
+        """
         return [*individual_descriptions(build_type_description(full_name, self.field_rows))]
 
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
-        """Return a type's description with defaults, and by type name the `repr` of each constant of all its types."""
+        """Return a type's description with default values, and by type name the `repr` of each constant of the type and
+        all types in it.
+        """
         description = build_type_description(full_name, self.field_rows)
         found = {name: self.message(name) for name in individual_descriptions(description)}
         return description, {
@@ -273,7 +289,7 @@ def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
 def _visit(
     registry: InterfaceRegistry, message: MessageDef, state: dict[str, int], sizes: SizeChecker, level: int = 1
 ) -> int:
-    """Check a message and the messages that it contains, and return the number of levels of types below it."""
+    """Check a message and the messages that it contains, and return how many levels of types are nested in it."""
     name = str(message.name)
     if name in state:
         return state[name]
@@ -320,7 +336,10 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
 
 
 def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> str:
-    """Return a suggestion for a type that its package lacks, never `user`, the message with the field; "" if none."""
+    """Return a suggestion for an error about a type that its package lacks; "" if no type is similar.
+
+    The suggestion is never `user`, the message whose field has the unknown type.
+    """
     packages = registry.search.packages
     used = [one for one in (_COMMON_PACKAGES + tuple(packages)) if one in packages and one != name.package]
     others = [f"{one}/{name.name}" for one in used if RosName(one, "msg", name.name) in packages[one].files]
@@ -333,7 +352,9 @@ def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> st
 
 
 def type_location(item: FieldDef) -> Location:
-    """Return the location of a field's type: column 1 in a .msg; the field's name in an .idl."""
+    """Return the location that diagnostics name for a field's type: column 1 in a .msg file, the field's name in an
+    .idl file.
+    """
     return item.location if item.location.source.format == "idl" else item.location._replace(column=1)
 
 
@@ -344,11 +365,11 @@ def raise_diagnostics(registry: InterfaceRegistry) -> None:
 
 
 def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
-    """Check an interface and return its name; X for a derived name such as ``X_Request``.
+    """Check the interface that defines a type, and return its name: X for a derived type such as ``X_Request``.
 
     Raises:
         TypeNotFoundError: no interface has this name.
-        DefinitionError: the interface or a type that it uses has problems.
+        DefinitionError: the interface or a type that it uses has errors.
     """
     owner = registry.owner(name)
     if owner is None:

@@ -59,7 +59,8 @@ class Package:
     origin: str
     from_source: bool = False
     known_files: dict[RosName, Path] | None = None
-    """Interface files of the package if they are in several folders; None means the files of `folder`."""
+    """Interface files of the package, if they are not exactly the files of `folder`; None means the files of `folder`.
+    """
 
     @cached_property
     def listing(self) -> CMakeInterfaceList | None:
@@ -84,7 +85,10 @@ class Package:
         return f"; {name.kind}/{file.name} is there, but CMakeLists.txt does not list it" if file else ""
 
     def _in_folders(self) -> dict[RosName, Path]:
-        """Return the files in the package's msg, srv and action folders; an .idl is hidden by a file of its name."""
+        """Return the interface files in the package's msg, srv and action folders.
+
+        A .msg, .srv or .action file replaces an .idl file of its name.
+        """
         found: dict[RosName, Path] = {}
         for kind in KINDS:
             for entry in _entries(self.folder / kind):
@@ -222,7 +226,7 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
     """Return the directory entries of a folder, sorted by name; [] if the folder does not exist.
 
-    Raises `DefinitionError` for an unreadable folder: if it were ignored, definitions would be lost.
+    Raises `DefinitionError` for a folder that cannot be read: if the folder were ignored, definitions would be lost.
     """
     note(folder)
     try:
@@ -306,7 +310,10 @@ def _descend(
 
 
 def package_name(manifest: Path, folder: Path) -> str:
-    """Return the name of a package from its package.xml, or the folder's name; raises `DefinitionError` on failure."""
+    """Return the name of a package as its package.xml states it, else the name of the folder.
+
+    Raises `DefinitionError` if the file cannot be read.
+    """
     note(manifest)
     text = ""
     try:

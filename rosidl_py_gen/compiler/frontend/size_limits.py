@@ -40,7 +40,7 @@ _MAX_INLINE_FIELDS = 48
 
 
 class _TypeSize(NamedTuple):
-    """Size that a type adds to the types that contain it."""
+    """Size of a type for the size limits, as it counts in the types that contain this type."""
 
     values: int
     size: int
@@ -53,7 +53,7 @@ class _TypeSize(NamedTuple):
 _ELEMENTS = "fields (with the fields of nested messages), constants and default values"
 _ELEMENTS_CURE = "; split it into several messages, or use arrays"
 _UNKNOWN = _TypeSize(1, 1, 1, 0, 0, frozenset())
-"""Size assumed for a type that does not exist or is too large, which has a diagnostic already."""
+"""Size that is assumed for a type that does not exist or is too large; such a type has a diagnostic already."""
 
 
 class SizeChecker:
@@ -64,7 +64,10 @@ class SizeChecker:
         self._sizes: dict[str, _TypeSize] = {}
 
     def check(self, message: MessageDef) -> None:
-        """Compute the size of a message, and add a diagnostic at the field or constant that exceeds a limit."""
+        """Compute the size of a message.
+
+        If it exceeds a limit, add a diagnostic at the field or constant where it does.
+        """
         values = size = inline_fields = other_fields = inline_elements = 0
         elements = len(message.constants)
         types: set[str] = set()

@@ -36,16 +36,17 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
 MAX_TYPES = 500
 MAX_FIELDS = 5000
-"""Maximum fields of all types of a description together."""
+"""Maximum number of fields of all types of a received type description together."""
 MAX_OF_ONE = 1000
-"""Maximum fields of one type of a description: CPython takes 0.2 s for its class, and far more than twice the time for
-twice the fields."""
+"""Maximum number of fields of one type in a received type description. CPython takes 0.2 s to create its class, and far
+more than twice the time for twice the fields."""
 MAX_TEXT = 1 << 18
-"""Maximum characters of all sources of a description together, and of all its default values together; if there are
-more, the sources, or the further default values, are ignored."""
+"""Maximum characters of all sources of a received type description together, and of all its default values together. If
+there are more, the sources, or the further default values, are ignored."""
 
 Sources = Mapping[str, tuple[str, str]]
-"""Type name -> encoding (``msg``, ``srv``, ``action``, ``idl``, ``implicit``) and text."""
+"""Dictionary from type name to the encoding (``msg``, ``srv``, ``action``, ``idl``, ``implicit``) and text of its
+source."""
 
 _FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
 _WSTRINGS = 22 + Arity.BOUNDED.value
@@ -55,7 +56,9 @@ _BASES |= {number: name for name, number in STRINGS.items()} | dict(zip(_BOUNDED
 
 
 def written_messages(name: RosName, is_service: bool) -> tuple[str, ...]:
-    """Return the names of the messages that an interface's file defines; its other messages are derived from them."""
+    """Return the names of the messages that an interface's file states, without the messages that ROS derives from
+    them.
+    """
     is_action = name.kind == "action" and "_" not in name.name
     return tuple(map(str, section_names(name, "srv" if is_service else "action" if is_action else "msg")))
 
@@ -154,9 +157,9 @@ def _elements(encoding: str, text: str) -> int:
 
 
 class _RaiseOnFirst(Diagnostics):
-    """Diagnostics that raise the first problem as `DefinitionError`.
+    """Collection of diagnostics that raises the first one as `DefinitionError`.
 
-    Collecting many would take quadratic time, as each contains its source line.
+    Collecting many diagnostics would take quadratic time, as each contains its source line.
     """
 
     def add(self, location: Location, text: str) -> None:

@@ -1,6 +1,6 @@
-"""Colcon workspace of a script: all its packages that have a package.xml.
+"""Colcon workspace around a script or folder: all packages in it that have a package.xml.
 
-Only names of folders and package.xml files are read.
+The search reads only names of folders and package.xml files.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rosidl_py_gen.errors import display_path
 
 MANIFEST = "package.xml"
 MAX_ENTRIES = 50_000
-"""Maximum number of directory entries that the search for packages reads, which takes half a second. colcon has no
-limit, but a home folder or ``/`` may be searched. The search is breadth first."""
+"""Maximum number of directory entries that the search for a workspace's packages reads, which takes half a second.
+colcon has no limit, but a home folder or ``/`` may be searched. The search is breadth first."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Workspace:
 
     @cached_property
     def _found(self) -> tuple[list[tuple[str, Path]], bool]:
-        """Names and folders of the packages, and True if all folders of the workspace were read."""
+        """Names and folders of the packages in the workspace, and True if the search read all folders."""
         found = [] if self.own is None else [(package_name(self.own / MANIFEST, self.own), self.own)]
         visited: set[str] = set()
         waiting = deque([(self.folder, 0)])
@@ -100,16 +100,19 @@ class Workspace:
 
 
 def package_around(place: Path) -> Path | None:
-    """Return the package folder around a file or folder: the nearest one with a package.xml; None without one."""
+    """Return the folder of the package that contains a file or folder: the nearest folder with a package.xml.
+
+    Returns None without such a folder.
+    """
     above = [place, *place.parents] if place.is_dir() else [*place.parents]
     return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
 
 
 def workspace_around(place: Path) -> Workspace | None:
-    """Return the workspace around a file or a folder; None for a script outside of packages.
+    """Return the workspace that contains a file or a folder; None for a script outside of packages.
 
-    The workspace is the folder ``src`` above the package, else the package and its siblings. A folder outside of
-    packages has the workspace ``src`` inside it, else is one itself.
+    The workspace is the folder ``src`` that contains the package, else the package and its siblings. For a folder
+    outside of packages, the workspace is its subfolder ``src``, else the folder itself.
     """
     package = package_around(place)
     if package is not None:

@@ -1,4 +1,4 @@
-"""Command ``bag convert``, and the functions by which ``bag migrate`` also creates and fills a bag."""
+"""Command ``bag convert``, and the functions with which ``bag migrate`` creates and fills a bag, too."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def convert(
 ) -> int:
     """Copy a bag: SQLite as MCAP or the reverse, a selection, or a complete bag of one whose recorder was killed.
 
-    OUTPUT is a folder, or a file that ends with .mcap. Definitions that the bag does not contain, as those of Humble,
+    OUTPUT is a folder, or a file that ends with .mcap. Definitions that the bag does not contain, as in Humble,
     are read from the folders of --path.
 
     \b
@@ -86,7 +86,10 @@ def convert(
 
 
 def create_bag(output: str, storage: str, compression: str, **options: Any) -> BagWriter | SqliteWriter:
-    """Create a bag and return its writer; `compression` is for chunks of MCAP files, `options` are for the writer."""
+    """Create a bag and return its writer.
+
+    `compression` is for chunks of MCAP files, `options` are arguments of the writer.
+    """
     from rosidl_py_gen.bags import BagWriter, SqliteWriter
 
     if storage == "sqlite3":
@@ -118,14 +121,14 @@ def copy_bag(
     channels: Mapping[tuple[str, ...], BagTopic],
     converter_of: Callable[[BagTopic], Callable[[RawMessage], RawMessage] | None] = lambda _: None,
 ) -> tuple[int, Counter[str]]:
-    """Copy the selected messages of a bag, and everything else that the copy can contain.
+    """Copy the selected messages of a bag, and everything else that the new bag can store.
 
     Args:
-        channels: channels of the copy, by the key of the recorded channel.
+        channels: channels of the new bag, by the key of the recorded channel.
         converter_of: returns the function that converts messages of a recorded channel; None to copy them unchanged.
 
     Returns:
-        Number of copied messages, and numbers of items that the storage of the copy cannot contain, by kind of item.
+        Number of copied messages, and numbers of items that the storage of the new bag cannot contain, by kind of item.
     """
     from rosidl_py_gen.bags.copying import BagCopy
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PROGRESS_DELAY_S = 0.5
-"""Time after which a progress bar appears, in seconds; a bar of shorter commands would only flicker."""
+"""Time in seconds after which a progress bar appears; in shorter commands it would only flicker."""
 PROGRESS_INTERVAL_S = 0.5
 """Minimum time between two updates of a progress bar, in seconds."""
 _BAR_COLUMNS = 20
@@ -30,7 +30,7 @@ _ITEMS_PER_UPDATE = 64
 
 
 def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
-    """Return damaged parts of recordings, which were skipped, as rows for JSON output."""
+    """Return the damaged parts of recordings that were skipped as rows for JSON output."""
     return [{**asdict(part), "file": str(part.file)} for part in parts]
 
 
@@ -80,7 +80,7 @@ class ProgressBar:
         self._line.show(f"{bar}{progress_text(done, total or None, now_s - self._start_s, self._unit)}")
 
     def each(self, items: Iterable[T], total: float | None = None) -> Iterator[T]:
-        """Yield each of `items`, and display how many of `total` were yielded."""
+        """Yield each of `items`, and display on the progress bar how many of `total` items were yielded."""
         for number, item in enumerate(items):
             if not number % _ITEMS_PER_UPDATE:
                 self(number, total)
@@ -95,7 +95,7 @@ class ProgressBar:
 
 
 def progress_bar(fraction: float) -> str:
-    """Return a text of 20 characters that shows `fraction`, from 0 to 1, as a bar."""
+    """Return a bar of 20 characters, as text, of which a `fraction` from 0 to 1 is filled."""
     count = round(_BAR_COLUMNS * min(1.0, fraction))
     return "━" * count + "─" * (_BAR_COLUMNS - count)
 

@@ -1,4 +1,4 @@
-"""Image messages of a bag, for ``bag images`` and ``bag video``, and the count of those that are skipped."""
+"""Image messages of a bag for the commands ``bag images`` and ``bag video``, and the count of skipped images."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _KINDS = (IMAGE, COMPRESSED, "sensor_msgs/Image", "sensor_msgs/CompressedImage")
 
 
 class ImageMessages:
-    """Selected images of an open bag.
+    """Selected image messages of an open bag.
 
     Attributes:
         topics: names of the topics with images.
@@ -48,7 +48,10 @@ class ImageMessages:
                 self._require_definition(channel, is_selected=bool(topics))
 
     def _require_definition(self, channel: BagTopic, is_selected: bool) -> None:
-        """Leave a topic out whose definition cannot be used; raises the error of a selected topic."""
+        """Check the definition of a topic.
+
+        If it cannot be used, exclude the topic, or raise the error if the user selected the topic.
+        """
         try:
             self._reader.definition(channel)
         except RosidlError as error:
@@ -88,13 +91,16 @@ class ImageMessages:
         self._skipped[topic, kind] = count + 1, first
 
     def skipped_rows(self) -> list[dict[str, Any]]:
-        """Return topic, number and reason of skipped images; images of one topic and field have one row."""
+        """Return topic, number and reason of skipped images as rows.
+
+        Images of one topic with an error at the same field share a row.
+        """
         rows = [(topic, *skipped) for (topic, _), skipped in self._skipped.items()]
         rows += [(topic, one.count, one.reason) for topic, one in self._reader.skipped.items()]
         return [{"topic": topic, "images": count, "reason": reason} for topic, count, reason in rows]
 
     def note_skipped(self) -> None:
-        """Print what was skipped."""
+        """Print a note about the images that were skipped."""
         for row in self.skipped_rows():
             terminal_output.note(f"{row['topic']}: {pluralize(row['images'], 'image')} skipped: {row['reason']}")
         if self.other_topics:

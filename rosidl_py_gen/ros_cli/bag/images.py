@@ -1,4 +1,4 @@
-"""``bag images``: recorded images as picture files."""
+"""Command ``bag images``: writes recorded images as picture files."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 
 _SUFFIXES = {"png": ".png", "jpeg": ".jpg"}
 _BAD_NAME = {errno.ENAMETOOLONG, errno.ENOTDIR, errno.EEXIST}
-"""Errors of a topic whose name is too long for a file, or is a folder where another topic has a file."""
+"""Operating system errors that a topic's name causes: it is too long for a file, or a folder where another topic has a
+file."""
 _DEPTH_HEADER_BYTES = 12
-"""Size of the header of compressed_depth_image_transport before the PNG."""
+"""Size in bytes of the header before the PNG data in messages of compressed_depth_image_transport."""
 
 
 @click.command("images", cls=options.MultiValueCommand)
@@ -110,7 +111,7 @@ def images(
 
 
 def _picture(message: Any, kind: str, quality: int) -> tuple[bytes, str]:
-    """Return contents and suffix of a picture file; raises `ConversionError`."""
+    """Return the contents and the suffix of a picture file for an image message; raises `ConversionError`."""
     from rosidl_py_gen.numpy import array_to_compressedimage, image_to_array
     from rosidl_py_gen.numpy.common import reads_message
     from rosidl_py_gen.ros_cli.bag.image_messages import COMPRESSED
@@ -122,7 +123,10 @@ def _picture(message: Any, kind: str, quality: int) -> tuple[bytes, str]:
 
 
 def _recorded_picture(message: Any) -> tuple[bytes, str]:
-    """Return the recorded bytes and their suffix; raises `ConversionError` if they are no picture, or break off."""
+    """Return the recorded bytes of a compressed image and the suffix for a file of its format.
+
+    Raises `ConversionError` if the bytes are not a picture, or break off.
+    """
     from rosidl_py_gen.numpy import ConversionError
     from rosidl_py_gen.numpy.common import flat_bytes
 
@@ -149,7 +153,9 @@ def _recorded_picture(message: Any) -> tuple[bytes, str]:
 
 
 class _Files:
-    """New files of images in a folder: TOPIC/TIME.SUFFIX, with -1, -2 and so on for more images of one time."""
+    """Names of new picture files in a folder: TOPIC/TIME.SUFFIX, with -1, -2 and so on for further images of the same
+    time.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -1,4 +1,4 @@
-"""``bag merge``: several bags as one, by log time."""
+"""Command ``bag merge``: combines several bags into one, by log time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _HINT = "select topics with rosidl-py bag convert --topics"
 _MAX_OFFSET_S = 1 << 33
-"""Largest offset in seconds; the log times of bags end in 2262."""
+"""Maximum offset of a bag's clock in seconds; the log times of bags end in 2262."""
 
 
 @click.command("merge")
@@ -107,7 +107,7 @@ def merge(
 
 
 def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
-    """Return the offset of each bag in nanoseconds, which a float could not represent exactly."""
+    """Return the offset of each bag in integer nanoseconds, as a float could not represent the time exactly."""
     offsets = {Path(bag): 0 for bag in bags}  # the shell may complete drive as drive/
     if len(offsets) < len(bags):
         twice = next(bag for number, bag in enumerate(bags) if Path(bag) in map(Path, bags[:number]))
@@ -138,7 +138,10 @@ def _merge(
     offsets_ns: Sequence[int],
     channels: Sequence[Mapping[tuple[str, ...], BagTopic]],
 ) -> tuple[int, Counter[str]]:
-    """Return the number of messages, and of things that the merged bag has no place for, by kind."""
+    """Merge the bags.
+
+    Returns the number of messages, and numbers of things that the merged bag cannot store, by kind.
+    """
     from rosidl_py_gen.bags.copying import BagCopy
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar
 
@@ -163,7 +166,8 @@ def _merge(
 
 
 def _in_time(number: int, reader: BagReader, offset_ns: int) -> Iterator[tuple[int, int, RawMessage | None]]:
-    """Yield the messages of a bag with their new log times and the bag's number, which orders equal times.
+    """Yield the messages of a bag with their corrected log times and the bag's number, which decides the order of equal
+    times.
 
     The first item has no message, so that the bag is not read before its messages are due.
     """
@@ -177,7 +181,10 @@ def _in_time(number: int, reader: BagReader, offset_ns: int) -> Iterator[tuple[i
 
 
 def _note_definitions(channels: Iterator[BagTopic]) -> None:
-    """Print the topics that have several definitions; each message keeps its own."""
+    """Print the topics that have several definitions in the merged bag.
+
+    Each message keeps the definition of its bag.
+    """
     topics: dict[str, dict[tuple[str, ...], str]] = {}
     for channel in channels:
         topics.setdefault(channel.name, {})[channel.key] = channel.type_name

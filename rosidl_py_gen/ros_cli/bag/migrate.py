@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class _Topic:
-    """Recorded channel, channel of the new bag, and conversion; `convert` is None if bytes of messages are copied."""
+    """Topic in a migration: recorded channel, channel of the new bag, and conversion.
+
+    `convert` is None to copy bytes unchanged.
+    """
 
     old: BagTopic
     new: BagTopic
@@ -152,7 +155,9 @@ class _NewDefinitions:
         self._library = InterfaceRegistry(self._search)
 
     def find(self, name: str) -> tuple[type[Message], str] | str:
-        """Return class and definition text of a type in ``--path``, or why its messages are copied unchanged."""
+        """Return the class and definition text of a type in ``--path``, or a text that states why messages are copied
+        unchanged.
+        """
         from rosidl_py_gen import get_message
         from rosidl_py_gen.compiler.frontend.definition_text import full_text
         from rosidl_py_gen.compiler.frontend.registry import read_checked
@@ -170,7 +175,7 @@ class _NewDefinitions:
 def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
-    """Return how to convert each selected channel, by channel key; raises one `CommandError` with all failures."""
+    """Return the conversion of each selected channel, by channel key; all failures are raised in one `CommandError`."""
     from rosidl_py_gen.compiler.compatibility.migration import MigrationError
 
     definitions = _NewDefinitions(paths)

@@ -16,7 +16,10 @@ _SECTIONS = ("types", "fields")
 
 
 def read_rules(path: str) -> MigrationRules:
-    """Read a file of rules for ``bag migrate``; raises `CommandError` if it is invalid, OSError if unreadable."""
+    """Read a file of rules for ``bag migrate``.
+
+    Raises `CommandError` for an invalid file, OSError for one that cannot be read.
+    """
     return parse_rules(read_text(path, "rules"), path)
 
 

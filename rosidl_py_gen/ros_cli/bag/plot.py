@@ -78,7 +78,9 @@ def plot(
 
 
 def _is_bag(word: str, first: BagReader) -> bool:
-    """Return True if a word after the first bag is a further bag: a URL, or a path that exists and is no topic."""
+    """Return True if an argument after the first bag is a further bag: a URL, or a path that exists and is
+    not a topic.
+    """
     from rosidl_py_gen.bags.remote import is_url
 
     return is_url(word) or (word not in first.topics and os.path.exists(word))

@@ -1,4 +1,4 @@
-"""``--qos-profile-overrides-path``: a YAML file with QoS profiles of topics, in the format of rosbag2.
+"""Option ``--qos-profile-overrides-path``: a YAML file with QoS profiles of topics, in the format of rosbag2.
 
     /scan:
       reliability: best_effort
@@ -33,7 +33,10 @@ _EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
 
 def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
-    """Read a file of QoS profiles by topic (None: {}); raises `CommandError` or OSError if it is invalid or missing."""
+    """Read a file of QoS profiles by topic; {} without a file.
+
+    Raises `CommandError` or OSError if it is invalid or missing.
+    """
     return {} if path is None else parse_qos_overrides(read_text(path, "profiles"), path)
 
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.definition_lookup import TopicDefinition
 
 _SAMPLES = 20
-"""Maximum number of messages per channel that are checked against a definition that was found only by type name."""
+"""Maximum number of messages per channel that are checked against a definition that was found only by the type's name.
+"""
 
 
 class BagSelection(NamedTuple):
@@ -37,12 +38,15 @@ class BagSelection(NamedTuple):
         return has_all_topics and self.start_ns <= reader.start_ns and self.end_ns > reader.end_ns
 
     def part_of(self, reader: BagReader) -> float:
-        """Return the part of the bag's duration that is selected, from 0 to 1."""
+        """Return the fraction of the bag's duration that is selected, from 0 to 1."""
         return min(1.0, (self.end_ns - self.start_ns) / (reader.end_ns - reader.start_ns + 1))
 
 
 def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> BagSelection:
-    """Return the selection that options describe; raises `CommandError` if the bag lacks a topic or the offset."""
+    """Return the selection that command options describe.
+
+    Raises `CommandError` if the bag lacks a topic, or ends before the offset.
+    """
     for name in topics:
         if name not in reader.topics:
             raise CommandError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
@@ -93,9 +97,9 @@ def channels_with_definitions(
 
 
 def guess_mismatch(reader: BagReader, channel: BagTopic, known: TopicDefinition) -> str:
-    """Return why a definition found only by type name does not fit the first messages of a channel; "" if it may fit.
+    """Return why a definition found only by the type's name does not fit the first messages of a channel.
 
-    Raises `BagError` if the first messages are damaged.
+    Returns "" if it may fit. Raises `BagError` if the first messages are damaged.
     """
     if known.is_recorded:
         return ""

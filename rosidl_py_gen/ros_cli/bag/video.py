@@ -1,4 +1,4 @@
-"""``bag video``: recorded images as a video of constant frame rate."""
+"""Command ``bag video``: writes recorded images as a video of constant frame rate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".mp4", ".mkv", ".mov")
 _RATE_SAMPLES = 200
-"""Number of images whose median interval is the frame rate."""
+"""Number of images from whose intervals the frame rate is determined, as the median."""
 _MAX_HZ = 240
 
 
@@ -102,12 +102,14 @@ def video(
 
 
 def _fraction(hz: float) -> Fraction:
-    """Return a rate as a fraction with a small denominator, as containers store it."""
+    """Return a frame rate as a fraction with a small denominator, in which form video files store it."""
     return Fraction(hz).limit_denominator(1001)
 
 
 def _median_rate(times_ns: Sequence[int]) -> Fraction:
-    """Return the rate of images in Hz: the nearest integer if it is within 2 %, as recorders are not exact."""
+    """Return the median rate of images in Hz, rounded to an integer that is within 2 %, because recorders are not
+    exact.
+    """
     intervals = sorted(later - earlier for earlier, later in pairwise(times_ns))
     hz = Fraction(NS_PER_S, max(1, intervals[(len(intervals) - 1) // 2])) if intervals else Fraction(1)
     if abs(round(hz) - hz) <= hz / 50:
@@ -116,7 +118,10 @@ def _median_rate(times_ns: Sequence[int]) -> Fraction:
 
 
 def _encode(images: ImageMessages, target: VideoFile) -> None:
-    """Write all images; raises `CommandError` if there are none, their size changes, or a gap is very long."""
+    """Write all images to the video.
+
+    Raises `CommandError` if there are none, if their size changes, or if a gap is very long.
+    """
     from rosidl_py_gen.numpy import ConversionError, compressedimage_to_array, image_to_array
     from rosidl_py_gen.ros_cli.bag.image_messages import IMAGE
 

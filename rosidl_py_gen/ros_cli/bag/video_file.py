@@ -1,7 +1,8 @@
-"""Video of constant frame rate, encoded by PyAV (extra ``video``).
+"""Video file of constant frame rate, encoded by PyAV (extra ``video``).
 
-The frames of a video are equally spaced. An image is the frame nearest to its time: the last of several images of one
-frame counts, and an image is repeated until the next one. So times in the video are right to half a frame.
+The frames of a video are equally spaced, so each image becomes the frame nearest to its time. Of several images of one
+frame, the last is written. An image is repeated until the frame of the next image. So times in the video are right to
+half a frame.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ if TYPE_CHECKING:
     Pixels = np.ndarray[Any, np.dtype[Any]]
 
 _MAX_GAP_S = 3600
-"""Longest time without an image: a wrong clock would repeat a frame for years."""
+"""Maximum time in seconds between two images of a video; with a wrong clock, a frame would be repeated for years."""
 _BT709, _LIMITED_RANGE = 1, 1
-"""Numbers of H.273 for colours and their range, as players assume them."""
+"""Numbers in the standard H.273 for the colour space and range that players assume."""
 
 
 class VideoFile:
-    """H.264 file. Its frames have the size of the first image, made even.
+    """H.264 video file whose frames have the size of the first image, rounded to even numbers.
 
     Attributes:
         images: number of added images.
         frames: number of written frames; the last image is not among them before `finish`.
-        dropped: number of images that another one of the same frame has replaced.
+        dropped: number of images that were replaced by a later image of the same frame.
     """
 
     def __init__(self, path: Path, rate: Fraction) -> None:
@@ -58,7 +59,7 @@ class VideoFile:
         return ceil(frame - Fraction(1, 2))  # round() would alternate steps of 1 and 3 at half the rate
 
     def mismatch_reason(self, time_ns: int, pixels: Pixels) -> str:
-        """Return why an image cannot be added; empty if it can."""
+        """Return a text that states why an image cannot be added to the video; empty if it can."""
         if not self.images:
             return ""
         if pixels.shape != self._pixels.shape:
@@ -68,7 +69,7 @@ class VideoFile:
         return f"there was no image for {gap_s:.0f} s" if gap_s > _MAX_GAP_S else ""
 
     def add(self, time_ns: int, pixels: Pixels) -> None:
-        """Add an image, and write the one before up to its time."""
+        """Add an image to the video, after writing the previous image repeatedly up to the time of this one."""
         if self.images:
             due = self._due(time_ns)
             self.dropped += due == self.frames
@@ -81,19 +82,19 @@ class VideoFile:
         self.images += 1
 
     def finish(self) -> None:
-        """Write the last image, and what the encoder has buffered."""
+        """Write the last image, and the frames that the encoder has buffered."""
         self._write(1)
         with self._errors(*self._pixels.shape[:2]):
             self._encode(None)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the video file."""
         if self._container is not None:
             self._container.close()
 
     @contextmanager
     def _errors(self, height: int, width: int) -> Iterator[None]:
-        """Raise errors of FFmpeg as `CommandError`, but errors of the file as they are: `OSError`."""
+        """Convert errors of FFmpeg in the block to `CommandError`; errors about the file stay `OSError`."""
         try:
             yield
         except av.FFmpegError as error:

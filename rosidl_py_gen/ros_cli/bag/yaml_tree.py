@@ -1,4 +1,4 @@
-"""Reading of small YAML files for ``bag`` commands, as trees whose nodes know their location.
+"""Parser of small YAML files for ``bag`` commands, which returns trees whose nodes know their location.
 
 The files are not trusted: they are parsed as trees of texts, without anchors or tags, and errors name the location.
 """
@@ -24,7 +24,10 @@ _NULLS = ("", "~", "null", "Null", "NULL")
 
 
 def read_text(path: str, what: str) -> str:
-    """Return the text of a file of `what`, such as rules; raises `CommandError` if it is too large or not UTF-8."""
+    """Return the text of a file; raises `CommandError` if it is too large or not UTF-8.
+
+    `what` describes the file, such as "rules".
+    """
     with Path(path).open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
@@ -36,7 +39,10 @@ def read_text(path: str, what: str) -> str:
 
 
 def parse(text: str, name: str) -> yaml.Node | None:
-    """Parse a YAML text and return the root node, None if the text is empty. Raises `CommandError` with `name`."""
+    """Parse a YAML text and return the root node, None if the text is empty.
+
+    Raises `CommandError` that names the file `name`.
+    """
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES)
     except YamlError as error:
@@ -44,7 +50,10 @@ def parse(text: str, name: str) -> yaml.Node | None:
 
 
 def entries(node: yaml.Node | None, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
-    """Yield keys and values of a mapping, none for null; raises `CommandError` with `expected` for any other node."""
+    """Yield keys and values of a YAML mapping, nothing for null.
+
+    Raises `CommandError` with the text `expected` for other nodes.
+    """
     if node is None or is_null(node):
         return
     if not isinstance(node, yaml.MappingNode):
@@ -59,7 +68,10 @@ def entries(node: yaml.Node | None, name: str, expected: str) -> Iterator[tuple[
 
 
 def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
-    """Return the text of a scalar node as written, so ``no`` is not False; raises `CommandError` for any other node."""
+    """Return the text of a scalar YAML node as written, so ``no`` is not False.
+
+    Raises `CommandError` for any other node.
+    """
     if not isinstance(node, yaml.ScalarNode) or is_null(node) or len(node.value) > _MAX_TEXT:
         wrong(node, name, expected)
     return str(node.value)

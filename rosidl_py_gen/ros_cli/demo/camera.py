@@ -22,14 +22,14 @@ Header: Any = get_message("std_msgs/msg/Header")
 Image: Any = get_message("sensor_msgs/msg/Image")
 
 FORWARD_M, HEIGHT_M = 0.15, 0.3
-"""Position of the camera on the robot."""
+"""Position of the demo camera on the robot in metres: distance forwards from the centre, and height."""
 _WIDTH, _HEIGHT = 160, 120
 _FOCAL_LENGTH = 115.0
-"""In pixels; the picture is 70 degrees wide."""
+"""Focal length of the demo camera in pixels; with it the picture is 70 degrees wide."""
 _WALL_HEIGHT_M = 0.6
 _CEILING, _FLOOR = (150, 180, 205), (110, 95, 80)
 _FADE_M = 8.0
-"""Distance in which colours become e times darker."""
+"""Distance in metres in which colours in the camera's pictures become darker by the factor e."""
 
 
 @dataclass
@@ -38,7 +38,9 @@ class CameraParameters:
 
 
 class Camera(LifecycleNode):
-    """Node ``camera``: publishes ``camera/image_raw``, ``camera/camera_info`` and, with Pillow, compressed images."""
+    """Lifecycle node ``camera`` of the demo: publishes ``camera/image_raw``, ``camera/camera_info`` and, with Pillow,
+    compressed images.
+    """
 
     def __init__(
         self, schedule: Schedule, world: World, body: Body, frame: str, namespace: str, **node_options: Any
@@ -73,7 +75,10 @@ class Camera(LifecycleNode):
 
 
 def missing_pillow() -> ExtraMissingError | None:
-    """Return the reason why there are no compressed images; None if Pillow is installed (extra ``images``)."""
+    """Return the reason why the camera publishes no compressed images.
+
+    Returns None if Pillow is installed (extra ``images``).
+    """
     try:
         array_to_compressedimage(np.zeros((1, 1), np.uint8), cls=CompressedImage)
     except ExtraMissingError as error:
@@ -82,7 +87,7 @@ def missing_pillow() -> ExtraMissingError | None:
 
 
 def camera_info(header: Any) -> Any:
-    """Return the calibration: a pinhole without distortion."""
+    """Return the calibration message of the demo camera: a pinhole camera without distortion."""
     info = CameraInfo(header=header, width=_WIDTH, height=_HEIGHT, distortion_model="plumb_bob", d=[0.0] * 5)
     f, x, y = _FOCAL_LENGTH, _WIDTH / 2 - 0.5, _HEIGHT / 2 - 0.5
     info.k = [f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0]
@@ -92,7 +97,10 @@ def camera_info(header: Any) -> Any:
 
 
 def render(world: World, body: Body) -> Array:
-    """Return what a body sees as RGB, shape ``(height, width, 3)``: one ray for each column of the picture."""
+    """Return the picture that a camera on a body sees, as RGB of shape ``(height, width, 3)``.
+
+    One ray is cast for each column of the picture.
+    """
     x, y = body.x + FORWARD_M * math.cos(body.yaw), body.y + FORWARD_M * math.sin(body.yaw)
     columns = -np.arctan((np.arange(_WIDTH) + 0.5 - _WIDTH / 2) / _FOCAL_LENGTH)  # left is positive
     lengths, colors = world.cast(x, y, body.yaw + columns, body)

@@ -1,4 +1,4 @@
-"""``rosidl-py demo``: its options, and the start of its nodes."""
+"""Command ``rosidl-py demo``: its options, and the start of its nodes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Try in another terminal:
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """Options of ``demo``."""
+    """Options of the command ``demo``."""
 
     namespace: str
     count: int
@@ -145,7 +145,7 @@ async def _recording(
 
 
 def _publish_map(room: Node, schedule: Schedule) -> None:
-    """Publish the map once; later subscribers receive it as well."""
+    """Publish the map of the room once; subscribers that join later receive it as well."""
     from rosidl_py_gen import get_message
     from rosidl_py_gen.numpy import array_to_occupancygrid
     from rosidl_py_gen.ros_cli.demo.world import MAP_ORIGIN, RESOLUTION_M, occupancy
@@ -162,7 +162,7 @@ def _publish_map(room: Node, schedule: Schedule) -> None:
 async def _start_robot(
     schedule: Schedule, world: World, seed: tuple[int, ...], namespace: str, room: Node, settings: dict[str, Any]
 ) -> list[Node]:
-    """Start the two nodes of a robot; the camera is active."""
+    """Start the two nodes of a robot, robot and camera; the camera becomes active."""
     from rosidl_py_gen.ros_cli import terminal_output
     from rosidl_py_gen.ros_cli.demo.camera import Camera, missing_pillow
     from rosidl_py_gen.ros_cli.demo.robot import Robot
@@ -180,9 +180,9 @@ async def _start_robot(
 
 @contextmanager
 def _only_errors_on_console() -> Iterator[None]:
-    """Print only errors; all log messages are on ``/rosout``.
+    """Print only error messages on the console; all log messages are published on ``/rosout``.
 
-    The console prints nothing of its own while the root logger of Python has a handler.
+    The runtime prints nothing on the console while Python's root logger has a handler.
     """
     handler = logging.StreamHandler()
     handler.setLevel(logging.ERROR)

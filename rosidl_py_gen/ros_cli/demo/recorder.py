@@ -1,4 +1,6 @@
-"""Recorder of the demo: a bag of everything that its nodes publish, and of the commands that they get."""
+"""Recorder of the demo, which writes a bag with everything that the demo's nodes publish, and the commands that they
+receive.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +20,16 @@ if TYPE_CHECKING:
 
 _DEPTH = 1000
 _LAST_MESSAGES_S = 0.1
-"""Time for the last messages of a drive to arrive."""
+"""Time in seconds to wait at the end of a recorded drive for its last messages to arrive."""
 
 
 @asynccontextmanager
 async def recording(path: str, node: Node, nodes: Sequence[Node], schedule: Schedule) -> AsyncIterator[None]:
-    """Record some nodes; `node` gets the subscriptions.
+    """Record the messages of some nodes in the block; `node` owns the subscriptions.
 
     Raises:
         BagError: `path` exists already.
-        OSError: a message could not be written; the recording ended there, and the drive went on.
+        OSError: a message could not be written; the recording ended there, while the robot drove on.
     """
     count = 0
     failure: Exception | None = None

@@ -33,12 +33,11 @@ LASER_FORWARD_M = 0.1
 RAYS = 360
 MAX_RANGE_M = 12.0
 ODOMETRY_ERROR = 1.01
-"""Wheels measure 1 % too much, so ``odom`` drifts away from ``map``."""
+"""Relative error of the wheels' measurement, 1 % too much, so that the frame ``odom`` drifts away from ``map``."""
 MAX_ARCS = 10
 _ODOM_HZ, _IMU_HZ, _BATTERY_HZ = 30.0, 50.0, 1.0
 _NEAR_M, _FREE_M = 0.6, 0.9
-"""The robot begins to turn when something is nearer than the first, and stops turning when all is farther than the
-second."""
+"""Distances in metres of an obstacle at which the robot starts to turn (near), and at which it stops turning (free)."""
 LOW_BATTERY = 0.05
 _SPIRAL = "driving a spiral"
 
@@ -78,10 +77,10 @@ class Robot:
         self._mode = ""
         self._command, self._command_s = (0.0, 0.0), -math.inf
         self._arc: tuple[float, float] | None = None
-        """Speed and turn rate that the running goal requests."""
+        """Speed and turn rate that the running action goal requests; None without a goal."""
         self._updated = asyncio.Event()
         self._turn_direction = 0
-        """1 or -1 while the robot turns left or right, until nothing is near."""
+        """Direction in which the robot turns away from an obstacle, 1 (left) or -1 (right), until nothing is near."""
         self._curve = self._next_curve_s = 0.0
         self._reset()
         self._create_endpoints()
@@ -91,7 +90,7 @@ class Robot:
         schedule.every(lambda: _BATTERY_HZ, self._publish_battery)
 
     def frame(self, name: str) -> str:
-        """Return the full name of a frame; all robots have the same ``map``."""
+        """Return the full name of a coordinate frame of the robot; all robots share the frame ``map``."""
         return name if name == "map" else f"{self.node.namespace}/{name}".strip("/")
 
     def _create_endpoints(self) -> None:
@@ -126,7 +125,7 @@ class Robot:
     def _transform(
         self, parent: str, child: str, position: Sequence[float], rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
     ) -> Transform:
-        """Return a transform of now; the rotation is a quaternion."""
+        """Return a transform message with the current time; the rotation is a quaternion."""
         stamp_ns = self._schedule.now.nanoseconds
         return Transform(self.frame(parent), self.frame(child), stamp_ns, np.array(position), np.array(rotation))
 
@@ -136,7 +135,9 @@ class Robot:
     # ------------------------------------------------------------------------------------------------------- driving
 
     def _update(self) -> None:
-        """Measure the way since the last update, publish it, and decide how to drive on."""
+        """Measure the movement since the last update, publish it, and decide how the robot drives until the next
+        update.
+        """
         self._publish_odometry()
         mode, speed, turn_rate = self._decide()
         if mode != self._mode:
@@ -149,7 +150,7 @@ class Robot:
         self._updated.clear()
 
     def _decide(self) -> tuple[str, float, float]:
-        """Return what the robot does, its speed and its turn rate."""
+        """Return a text about what the robot does, its speed in m/s and its turn rate in rad/s."""
         if not self._has_motors:
             return "the motors are off", 0.0, 0.0
         without_command_s = self._schedule.elapsed_s - self._command_s
@@ -162,7 +163,7 @@ class Robot:
         return "driving autonomously", *self._wander()
 
     def _wander(self) -> tuple[float, float]:
-        """Return speed and turn rate: ahead in random curves, away from what is near."""
+        """Return speed and turn rate of autonomous driving: ahead in random curves, and away from near obstacles."""
         angles = np.radians(np.arange(-75, 76, 5))
         lengths, _ = self._world.cast(self.body.x, self.body.y, self.body.yaw + angles, self.body)
         ahead = float(lengths[np.abs(angles) < 0.6].min())
@@ -204,7 +205,9 @@ class Robot:
         self._turn_direction = 0
 
     async def _drive_spiral(self, goal: ServerGoal[Any]) -> GoalResult:
-        """Drive quarter circles whose radii in cm are the Fibonacci numbers 0, 1, 1, 2, 3, 5, ..."""
+        """Execute the action ``drive_spiral``: drive quarter circles whose radii in cm are the Fibonacci numbers 0, 1,
+        1, 2, 3, 5 and so on.
+        """
         sequence: list[int] = []
         radius, following = 0, 1
         try:

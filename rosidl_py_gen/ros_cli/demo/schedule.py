@@ -1,7 +1,7 @@
-"""Time of the demo: calls each task at its rate, in real or in simulated time.
+"""Schedule of the demo, which calls each task at its rate, in real or in simulated time.
 
-Tasks run one after the other, at times that their rates alone determine. So a robot drives the same way however busy
-the machine is, which timers of nodes could not promise.
+Tasks run one after the other, at times that only their rates determine. So a robot drives in the same way however busy
+the machine is, which timers of nodes could not guarantee.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from collections.abc import Callable
 from rosidl_py_gen.runtime import ClockType, Node, Time
 
 _MAX_DELAY_S = 0.5
-"""Delay after which the schedule starts again from now instead of catching up: the process was suspended."""
+"""Delay in seconds after which the schedule restarts from the current time instead of catching up, as after a suspended
+process."""
 _NS_PER_S = 1_000_000_000
 
 
 class Schedule:
-    """Calls tasks when they are due, and knows the time.
+    """Schedule that calls tasks when they are due, in real or in simulated time.
 
     Args:
         node: its clock is the time, unless that is simulated; with simulated time it publishes ``/clock``.
@@ -30,7 +31,7 @@ class Schedule:
 
     def __init__(self, node: Node, advance: Callable[[float], None], *, speed: float | None = None) -> None:
         self.elapsed_s = 0.0
-        """Seconds since the start."""
+        """Seconds of the schedule's time since its start."""
         self._clock = node.clock
         self._advance = advance
         self._speed = speed
@@ -41,7 +42,10 @@ class Schedule:
         self._tasks: list[tuple[float, int, Callable[[], float], Callable[[], None]]] = []
 
     def every(self, rate_hz: Callable[[], float], task: Callable[[], None]) -> None:
-        """Call a task repeatedly; its rate may change at any time, and has an effect after the next call."""
+        """Register a task that is called repeatedly.
+
+        Its rate may change at any time, with effect after the next call.
+        """
         self._push(self.elapsed_s, rate_hz, task)
 
     def _push(self, after_s: float, rate_hz: Callable[[], float], task: Callable[[], None]) -> None:
@@ -49,7 +53,7 @@ class Schedule:
         heapq.heappush(self._tasks, (due_s, next(self._numbers), rate_hz, task))
 
     async def run(self, duration_s: float = math.inf) -> None:
-        """Call all tasks until the duration has passed."""
+        """Call all registered tasks when they are due, until the duration has passed."""
         loop = asyncio.get_running_loop()
         start_s, speed = loop.time(), self._speed or 1.0
         while self._tasks and self._tasks[0][0] <= duration_s:

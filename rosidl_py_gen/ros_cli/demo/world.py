@@ -1,4 +1,7 @@
-"""Room with walls and boxes, and bodies of robots that move in it; nothing in this module knows ROS."""
+"""Room of the demo with walls and boxes, and bodies of robots that move in it.
+
+The module does not depend on ROS.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +14,16 @@ import numpy as np
 Array = np.ndarray[Any, np.dtype[Any]]
 
 RESOLUTION_M = 0.05
-"""Size of a map cell. All edges of boxes are multiples of it, so that map and rays agree exactly."""
+"""Size of a map cell in metres. All edges of boxes are multiples of it, so that map and laser rays agree exactly."""
 BODY_RADIUS_M = 0.2
 MAX_ACCELERATION = 1.0
-"""In m/s^2; it limits how fast a body follows its commanded speed."""
+"""Maximum acceleration of a body in m/s², which limits how fast it reaches its commanded speed."""
 MAX_TURN_ACCELERATION = 6.0
-"""In rad/s^2."""
+"""Maximum angular acceleration of a body in rad/s²."""
 
 
 class Box(NamedTuple):
-    """Rectangle on the floor, in metres, and its colour."""
+    """Rectangle on the floor of the room, with its position in metres and its colour."""
 
     x_min: float
     y_min: float
@@ -41,13 +44,13 @@ BOXES = (
     Box(1.6, -1.2, 2.8, -0.4, (80, 160, 90)),
     Box(2.9, 1.9, 3.5, 2.5, (220, 170, 60)),
 )
-"""Four walls around 8 m x 6 m, a wall between two halves, and four boxes."""
+"""Boxes of the room: four walls around 8 m x 6 m, a wall between its two halves, and four obstacles."""
 BODY_COLOR = (240, 240, 250)
 
 
 @dataclass
 class Body:
-    """Body of a robot with two driven wheels.
+    """Body of a simulated robot with two driven wheels.
 
     Attributes:
         speed: current speed in m/s; it approaches `target_speed`.
@@ -69,13 +72,13 @@ class Body:
     is_blocked: bool = False
 
     def place(self, x: float, y: float, yaw: float) -> None:
-        """Put the body somewhere else, at rest."""
+        """Move the body to another place in the room, where it stands still."""
         self.x, self.y, self.yaw = x, y, yaw
         self.speed = self.turn_rate = self.target_speed = self.target_turn_rate = 0.0
 
 
 def along_arc(x: float, y: float, yaw: float, distance: float, turn: float) -> tuple[float, float, float]:
-    """Return the pose at the end of an arc."""
+    """Return the pose (x, y, yaw) that is reached from a pose by driving along an arc."""
     # The chord of an arc points half-way between both directions, and is shorter than the arc.
     half = turn / 2
     chord = distance * (math.sin(half) / half if half else 1.0)
@@ -84,12 +87,12 @@ def along_arc(x: float, y: float, yaw: float, distance: float, turn: float) -> t
 
 @dataclass
 class World:
-    """The room and the bodies in it."""
+    """Simulated room, with the bodies in it."""
 
     bodies: list[Body] = field(default_factory=list)
 
     def advance(self, seconds: float) -> None:
-        """Move all bodies."""
+        """Move all bodies in the room as they move in a number of seconds."""
         for body in self.bodies:
             body.speed = _approach(body.speed, body.target_speed, MAX_ACCELERATION * seconds)
             body.turn_rate = _approach(body.turn_rate, body.target_turn_rate, MAX_TURN_ACCELERATION * seconds)
@@ -105,7 +108,7 @@ class World:
             body.turned += turn
 
     def clearance(self, x: float, y: float, body: Body | None = None) -> float:
-        """Return the distance of a point from the next box or body; `body` itself does not count."""
+        """Return the distance in metres from a point to the nearest box or body, not counting `body` itself."""
         boxes = (
             math.hypot(max(box.x_min - x, x - box.x_max, 0), max(box.y_min - y, y - box.y_max, 0)) for box in BOXES
         )
@@ -113,7 +116,8 @@ class World:
         return min(*boxes, *others)
 
     def cast(self, x: float, y: float, angles: Array, body: Body | None = None) -> tuple[Array, Array]:
-        """Return where rays from a point end: their lengths, and the colours of what they hit, shape ``(n, 3)``.
+        """Return where rays from a point end: their lengths, and the colours of the objects that they hit, of shape
+        ``(n, 3)``.
 
         Args:
             angles: directions of the rays in the room.
@@ -138,7 +142,7 @@ class World:
         return lengths[np.arange(len(hit)), hit], _COLORS[np.minimum(hit, len(BOXES))]
 
     def free_place(self, random: np.random.Generator) -> tuple[float, float, float]:
-        """Return a random x, y and yaw where a body has room around it."""
+        """Return a random pose (x, y, yaw) at which a body has free space around it."""
         while True:
             x, y, yaw = random.uniform((-3.5, -2.5, -math.pi), (3.5, 2.5, math.pi)).tolist()
             if self.clearance(x, y) > 2 * BODY_RADIUS_M:
@@ -146,7 +150,10 @@ class World:
 
 
 def occupancy() -> Array:
-    """Return the map: 100 for cells in a box, else 0; row 0 has the lowest y, cell (0, 0) begins at `MAP_ORIGIN`."""
+    """Return the map of the room as an array of cells: 100 for cells in a box, else 0.
+
+    Row 0 has the lowest y, and cell (0, 0) begins at `MAP_ORIGIN`.
+    """
     size = np.rint((_HIGH.max(axis=0) - MAP_ORIGIN) / RESOLUTION_M).astype(int)
     x, y = (MAP_ORIGIN[axis] + (np.arange(size[axis]) + 0.5) * RESOLUTION_M for axis in (0, 1))
     cells = np.zeros((size[1], size[0]), np.int8)

@@ -9,7 +9,7 @@ from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
 from rosidl_py_gen.runtime import run
 
 _MAX_LIFETIME_S = 60
-"""Maximum lifetime of the process in seconds, in case the command ``doctor`` was killed and cannot end it."""
+"""Maximum lifetime of the second process in seconds, which ends it if the command ``doctor`` was killed."""
 
 
 def topics(test_id: str) -> tuple[str, str]:

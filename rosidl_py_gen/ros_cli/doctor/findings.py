@@ -15,7 +15,8 @@ OK, NOTE, WARNING, BROKEN = "ok", "note", "warning", "error"
 
 _IPV4 = re.compile(r"\b(?!127\.|0\.0\.|2[2-5]\d\.)(\d{1,3}\.\d{1,3})\.\d{1,3}\.\d{1,3}\b")
 _MIN_NAME = 4
-"""Minimum length of texts that are redacted, such as a host name; shorter texts would match parts of words."""
+"""Minimum length of texts that are redacted in public reports, such as a host name; shorter texts would match parts of
+words."""
 REDACTED_VARIABLES = (
     *("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "CYCLONEDDS_URI", "ROS_SECURITY_KEYSTORE"),
     *("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"),
@@ -43,7 +44,10 @@ class Finding:
 
 
 def run_check(what: str, check: Callable[[], Iterable[Finding]]) -> list[Finding]:
-    """Return the findings of a check of `what`; an exception becomes a finding, as machines differ in unknown ways."""
+    """Run a check and return its findings.
+
+    An exception becomes a finding about `what`, as machines differ in unknown ways.
+    """
     try:
         return list(check())
     except Exception as error:

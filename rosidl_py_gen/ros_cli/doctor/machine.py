@@ -33,7 +33,7 @@ _MIDDLEWARE_OF = {"cyclonedds": "dds", "eclipse-zenoh": "zenoh"}
 
 
 def uses_zenoh(environ: Mapping[str, str]) -> bool:
-    """Return True if nodes use Zenoh, to which the checks of DDS do not apply."""
+    """Return True if nodes on this machine use Zenoh, to which the checks of DDS do not apply."""
     return middleware(environ, lambda warning: None) == "zenoh"
 
 
@@ -41,7 +41,7 @@ def uses_zenoh(environ: Mapping[str, str]) -> bool:
 
 
 def python() -> Iterator[Finding]:
-    """Report the versions of this package and of Python, and the system."""
+    """Report the versions of this package and of Python, and the operating system."""
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
     runs = f"{platform.python_implementation()} {platform.python_version()}"
     data = {"rosidl_py_gen": __version__, "python": runs, "system": system}
@@ -49,7 +49,7 @@ def python() -> Iterator[Finding]:
 
 
 def libraries() -> Iterator[Finding]:
-    """Check that the Python packages that a node requires are installed."""
+    """Check that the Python packages that a node requires are installed, and report their versions."""
     chosen, extra = ("zenoh", "zenoh") if uses_zenoh(os.environ) else ("dds", "node")
     for name in (*_MIDDLEWARE_OF, "PyYAML", "rich", "numpy"):
         try:
@@ -65,7 +65,7 @@ def libraries() -> Iterator[Finding]:
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
-    """Report how many interface packages each part of the search path has, and its problems."""
+    """Report the number of interface packages in each part of the search path, and problems with them."""
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         if not Path(prefix).is_dir():
             yield Finding(
@@ -89,7 +89,7 @@ def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
 
 
 def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str | None) -> Iterator[Finding]:
-    """Check domain, discovery range, and environment variables."""
+    """Check the domain id, the discovery range, and environment variables of ROS."""
     try:
         domain = read_environment(environ, domain_id=domain_id, discovery=discovery)
     except RosidlError as error:

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 _SIOCGIFFLAGS, _SIOCGIFADDR = 0x8913, 0x8915  # linux/sockios.h
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # linux/if.h
 _GROUP = "239.255.0.1"
-"""Multicast group of DDS discovery."""
+"""IP address of the multicast group that DDS discovery uses."""
 _MULTICAST_TIMEOUT_S = 0.2
 FIRST_PORT = 7400
 PORTS_PER_DOMAIN = 250
 _MAX_DOMAIN = 101
-"""Highest DDS domain that is looked for: ports of higher domains are also assigned to other programs."""
+"""Maximum DDS domain whose ports are checked; ports of higher domains are also assigned to other programs."""
 _UNICAST_OFFSETS = range(10, 42, 2)
 _MAX_INTERFACES = 64
 

@@ -136,7 +136,9 @@ class SelfTest:
 
 
 def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
-    """Report the participants of other processes by middleware; `without` is the GUID of the self-test's, skipped."""
+    """Report the participants of other processes by middleware, without the participant whose GUID is `without` (the
+    self-test).
+    """
     participants = [one for one in command_node.context.participants() if not one.is_own and one.guid != without]
     if not participants:
         yield _no_peers(command_node)

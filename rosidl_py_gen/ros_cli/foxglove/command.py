@@ -1,4 +1,4 @@
-"""``rosidl-py foxglove``: its options."""
+"""Command ``rosidl-py foxglove`` and its options."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FoxgloveOptions:
-    """Options of ``foxglove``."""
+    """Options of the command ``foxglove``."""
 
     host: str
     port: int

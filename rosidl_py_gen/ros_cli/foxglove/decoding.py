@@ -30,9 +30,9 @@ _Job = tuple["Future[Any]", "Callable[[], Any]"]
 
 
 class Worker:
-    """Daemon thread that runs functions in order; a cancelled function is skipped.
+    """Daemon thread that runs functions in order, and skips functions that were cancelled.
 
-    It pauses after each function for as long as the function took, because much of the work holds the GIL.
+    The thread pauses after each function for as long as the function took, because much of the work holds the GIL.
     """
 
     def __init__(self) -> None:
@@ -112,7 +112,9 @@ def _classes(cls: type[Message]) -> list[Any]:
 
 
 def _has_variable_elements(cls: type[Message]) -> bool:
-    """Return True if a class contains a sequence of strings, or a sequence or array of messages that vary in size."""
+    """Return True if a class contains elements of varying size: a sequence of strings, or messages with strings or
+    sequences.
+    """
     fields = [field for one in _classes(cls) for field in one._TYPE.fields]
     elements: list[Any] = [field.cls for field in fields if field.cls and field.type.arity is not Arity.SCALAR]
     return any("string" in field.type.base and _is_sequence(field) for field in fields) or any(
@@ -128,7 +130,10 @@ def _is_sequence(field: Field) -> bool:
 
 
 def _count_values(cls: Any, counted: dict[Any, int]) -> int:
-    """Return how many values a new message of a class has (eight numbers of an array count as one); fill `counted`."""
+    """Return how many values a new message of a class has, where eight numbers of an array count as one value.
+
+    `counted` is a cache of the results for the classes inside.
+    """
     if cls not in counted:
         total = 1
         for field in cls._TYPE.fields:

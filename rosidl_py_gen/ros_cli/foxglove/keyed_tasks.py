@@ -12,9 +12,9 @@ K = TypeVar("K")
 
 
 class KeyedTasks(Generic[K]):
-    """Tasks by key: ``run(key)`` runs as a task for each wanted key, until the key is not wanted any more.
+    """Tasks by key: ``run(key)`` runs as a task while the key is wanted.
 
-    Tasks hold the semaphore `limiter` while they send requests to nodes.
+    A task acquires the semaphore `limiter` while it sends requests to nodes.
     """
 
     def __init__(self, run: Callable[[K], Coroutine[Any, Any, None]], max_concurrent: int = 8) -> None:

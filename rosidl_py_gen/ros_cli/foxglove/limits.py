@@ -1,4 +1,4 @@
-"""Limits for viewers of ``foxglove``; docs/howto/live-view.md lists the main limits.
+"""Limits for viewers of the command ``foxglove``; docs/howto/live-view.md lists the main limits.
 
 The event loop serves every viewer, so no viewer may occupy the loop for long or make the process grow. Data that exceed
 a limit are refused with a status that names the limit; a viewer that does not read its messages is disconnected.
@@ -7,7 +7,7 @@ a limit are refused with a status that names the limit; a viewer that does not r
 from __future__ import annotations
 
 MAX_VIEWERS = 64
-"""Maximum number of viewers that are connected at the same time."""
+"""Maximum number of viewers that may be connected to the server at the same time."""
 MAX_TEXT = 1 << 20
 """Maximum number of characters of a text message from a viewer, and of bytes of a message published as JSON.
 
@@ -37,9 +37,11 @@ MAX_NESTED_BYTES = 1 << 20
 sequences: such data become up to 500 bytes of objects for 4 bytes sent.
 """
 MAX_DEFAULTS = 1 << 20
-"""Maximum number of values of a message published as JSON, including omitted fields, which get their defaults."""
+"""Maximum number of values of a message that a viewer publishes as JSON. Omitted fields count, because they get their
+defaults."""
 MAX_INLINE = 8192
-"""Maximum number of bytes, and of values, of a message that is decoded on the event loop instead of in a thread."""
+"""Maximum number of bytes, and of values, of a message that is decoded on the event loop; larger messages are decoded
+in a thread."""
 
 MAX_SCHEMA_BYTES = 1 << 15
 """Maximum size in bytes of a definition that a viewer sends. Compiling takes about 30 ms for each KiB, in a thread.
@@ -54,18 +56,21 @@ MAX_SCHEMAS_BYTES = 1 << 20
 """Maximum size in bytes of all different definitions that viewers send until the command ends."""
 
 MAX_FOLLOWED = 8192
-"""Maximum number of parameters whose changes a viewer follows by name."""
+"""Maximum number of parameters that a viewer can subscribe to by name, to be sent their changes."""
 MAX_FOLLOWED_LENGTH = 1 << 19
-"""Maximum number of characters of all names of parameters that a viewer follows."""
+"""Maximum number of characters of the names of all parameters that a viewer has subscribed to."""
 
 MAX_JOBS = 64
-"""Maximum number of service calls and parameter requests of a viewer in flight."""
+"""Maximum number of service calls and parameter requests of one viewer that are in flight."""
 MAX_JOB_BYTES = 16 << 20
-"""Maximum size in bytes of all calls and parameter requests of a viewer in flight; a larger one must be alone."""
+"""Maximum size in bytes of all service calls and parameter requests of one viewer in flight; a larger one must be
+alone."""
 MAX_CONTROL_MESSAGES = 4096
-"""Maximum number of text messages, times and responses that wait to be sent to a viewer; 30 times in a second."""
+"""Maximum number of texts, times and service responses that wait to be sent to a viewer. Times alone can be 30 in a
+second."""
 MAX_CONTROL_BYTES = 64 << 20
-"""Maximum size in bytes of texts, times and responses that wait for a viewer, and likewise of messages of topics."""
+"""Maximum size in bytes of the texts, times and responses that wait for a viewer, and separately of the waiting
+messages of topics."""
 
 MAX_ANSWER_BYTES = 1 << 18
 """Maximum size in bytes of the replies to pings that wait to be sent to a viewer."""
@@ -73,6 +78,7 @@ MAX_ANSWER_BYTES = 1 << 18
 READ_BYTES = 1 << 12
 """Number of bytes read from a viewer's connection at once; asyncio's default, 256 KiB, full of pings takes 0.3 s."""
 HEAVY_TEXT = 1 << 16
-"""Number of characters above which text messages of all viewers are handled one at a time, with pauses."""
+"""Minimum number of characters of a text message that counts as long: the server handles one long message at a time,
+with pauses."""
 PAUSE_FROM_S = 0.001
-"""Handling time of a message in seconds, above which reading from the viewer pauses for the same time."""
+"""Handling time of a message in seconds above which the server stops reading from the viewer for the same time."""

@@ -1,8 +1,8 @@
-"""Parameters of all nodes, as viewers see them: ``/node.parameter``.
+"""Parameters of all nodes, in the form in which viewers see them: ``/node.parameter``.
 
-Nodes are queried at the first request of a viewer, and followed by their events from then on, because viewers repeat
-requests for everything. A value that a viewer sets takes the type of the parameter: JSON has one type of number, and
-untyped empty lists.
+Nodes are queried at the first request of a viewer. From then on their parameter events are received, because viewers
+repeat requests for everything. A value that a viewer sets takes the type of the parameter: JSON has one type of number,
+and untyped empty lists.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 _TIMEOUT_S = 5.0
 """Timeout of parameter requests to a node, in seconds."""
 _FIRST_REPLY_S = 1.5
-"""Maximum time that the first request of a viewer waits for nodes, in seconds; later replies are sent as updates."""
+"""Maximum time in seconds that the first request of a viewer waits for nodes; values that arrive later are sent as
+updates."""
 _SEPARATOR = "."
 """Separator between the names of node and parameter in ``/node.parameter``; names of nodes do not contain it."""
 
@@ -34,7 +35,7 @@ _SEPARATOR = "."
 class ParameterBridge:
     """Copy of the parameters of all nodes, which viewers read by `get` and change by `set_`.
 
-    Call `refresh` after each change of the graph. The bridge calls `changed` when `refreshed` has new values to return.
+    Call `refresh` after each change of the graph. The bridge calls `changed` when `refreshed` would return new values.
     """
 
     def __init__(
@@ -46,14 +47,17 @@ class ParameterBridge:
         self._changed = changed
         self._is_read_only = is_read_only
         self._values: dict[str, dict[str, Any]] = {}
-        """Known values: full node name -> parameter name -> value."""
+        """Known values of parameters: a dict by full node name, which contains a dict by parameter name."""
         self._changed_names: set[str] = set()
         self._queries = KeyedTasks(self._query, max_concurrent=4)
         self._listening: asyncio.Task[None] | None = None
         self._first: asyncio.Task[None] | None = None
 
     def refresh(self) -> None:
-        """Query parameters of new nodes and forget nodes that have disappeared; no effect before the first `get`."""
+        """Request the parameters of new nodes, and remove nodes that have disappeared.
+
+        Has no effect before the first `get`.
+        """
         if self._listening is None:
             return
         current = set(nodes_serving(self._node, *LIST_PARAMETERS, hidden=True))
@@ -119,7 +123,10 @@ class ParameterBridge:
         await self._queries.wait(_FIRST_REPLY_S)
 
     async def set_(self, requested: dict[str, Any]) -> dict[str, Any]:
-        """Set parameters by ``/node.parameter`` and return their values afterwards; viewers are sent failures."""
+        """Set parameters by ``/node.parameter``, and return their values afterwards.
+
+        Failures are sent to the viewers.
+        """
         by_node: dict[str, dict[str, Any]] = {}
         for name, value in requested.items():
             node, _, parameter = name.partition(_SEPARATOR)
@@ -152,7 +159,7 @@ class ParameterBridge:
                 self._server.send_control(f"{node} {name}", f"{node} rejected {name}: {result.reason}")
 
     async def close(self) -> None:
-        """Cancel all queries of nodes and stop following events."""
+        """Cancel all requests to nodes, and stop receiving parameter events."""
         await self._queries.close()
         tasks = [task for task in (self._first, self._listening) if task is not None]
         for task in tasks:
@@ -161,7 +168,10 @@ class ParameterBridge:
 
 
 async def _values_of(client: ParameterClient, names: Any) -> dict[str, Any]:
-    """Return the values of parameters of a node by name, without unset ones; requests them singly if one is unset."""
+    """Return the values of parameters of a node by name, without unset ones.
+
+    If one of them is unset, the parameters are requested one by one.
+    """
     try:
         return dict(zip(names, await client.get(list(names), _TIMEOUT_S), strict=True))
     except ParameterNotDeclaredError:
@@ -175,7 +185,7 @@ async def _values_of(client: ParameterClient, names: Any) -> dict[str, Any]:
 
 
 def _with_type_of(value: Any, previous: Any) -> Any:
-    """Return a value from JSON with numbers as int or float, as in the previous value of the parameter."""
+    """Convert numbers in a JSON value to int or float, according to the previous value of the parameter."""
     if isinstance(value, bool):
         return value
     if isinstance(previous, float) and isinstance(value, int):

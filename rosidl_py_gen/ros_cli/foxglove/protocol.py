@@ -35,7 +35,7 @@ class ProtocolError(RosidlError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClientAdvertisement:
-    """Topic that a viewer wants to publish on; advertising it again creates a new object."""
+    """Topic on which a viewer wants to publish; advertising the topic again creates a new object."""
 
     topic: str
     encoding: str
@@ -54,7 +54,7 @@ class ServiceCallRequest(NamedTuple):
 
 
 class ClientMessage(NamedTuple):
-    """Message of a viewer.
+    """Parsed message of a viewer.
 
     Attributes:
         op: operation, named as in JSON; `publish` and `call` for binary messages.
@@ -106,7 +106,7 @@ def _no_number(text: str) -> float:
 
 
 def _integer(text: str) -> int:
-    """Parse an integer of JSON; raises ValueError beyond 64 bits, as parsing takes quadratic time."""
+    """Parse an integer of JSON; raises ValueError for more than 64 bits, because parsing takes quadratic time."""
     if len(text) > 20 or not -(1 << 63) <= (value := int(text)) < 1 << 63:
         raise ValueError(f"got the number {text:.30} of {len(text)} digits, expected -2^63 to 2^63 - 1")
     return value
@@ -183,7 +183,8 @@ OPERATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "unsubscribeConnectionGraph": ("", _text),
     "fetchAsset": ("", _text),
 }
-"""Operations of text messages from viewers: the key of the list in the message, and the parser of an element."""
+"""Operations of text messages from viewers, each with the key of the list in the message and the parser of an element.
+"""
 
 
 def control(op: str, **fields: Any) -> str:

@@ -1,9 +1,9 @@
-"""Publishing of messages of viewers.
+"""Publishing of messages that viewers send.
 
 Every message is decoded before it is published: a message that is not of the topic's type is refused, and the viewer is
-sent the name of the wrong field. The type is the announced type of the topic; for a new topic, the type that the viewer
-names, known here or defined by the viewer. An unknown type may belong to a node that is not discovered yet, so the node
-is awaited as in other commands.
+sent the name of the wrong field. The type is the announced type of the topic. For a new topic, it is the type that the
+viewer names, which is known here or defined by the viewer. An unknown type may belong to a node that is not discovered
+yet, so the node is awaited as in other commands.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class _ClientPublisher:
         self.publisher: Publisher[Any] | None = None
         self.waiting: deque[bytes] = deque()
         self.lock = asyncio.Lock()
-        """Lock that is held while a message is decoded and published, so that messages stay in order."""
+        """Lock that is held while a message of the viewer is decoded and published, so that messages stay in order."""
 
 
 class ClientPublishing:
@@ -130,7 +130,10 @@ class ClientPublishing:
         return cls
 
     def _has_type(self, topic: str, name: str) -> bool:
-        """Return True if a node announces the topic with type `name`; raises `CommandError` if only with others."""
+        """Return True if a node announces the topic with type `name`.
+
+        Raises `CommandError` if only other types are announced.
+        """
         announced = dict(self._command_node.node.get_topic_names_and_types()).get(topic, [])
         if announced and name not in announced:
             raise CommandError(f"its type is {', '.join(announced)}; expected {name}")

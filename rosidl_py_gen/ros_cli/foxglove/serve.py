@@ -1,4 +1,4 @@
-"""Run of the command ``foxglove``, from its options to closing, with the clock of viewers and the connection graph.
+"""Run of the command ``foxglove`` from its options to its end, with the clock for viewers and the connection graph.
 
 Viewers may connect before discovery is complete. They are sent simulated time if ``/clock`` is published at the start;
 otherwise they use system time.
@@ -35,11 +35,15 @@ if TYPE_CHECKING:
 
 _CLOCK_TOPIC = "/clock"
 _MIN_INTERVAL_S = 1 / 30
-"""Minimum interval of time updates, in seconds: viewers draw at most 30 times a second; no update is dropped."""
+"""Minimum interval in seconds between time updates, because viewers draw at most 30 times a second and queued updates
+are never dropped."""
 
 
 def connection_graph(node: Node, *, hidden: bool) -> Graph:
-    """Return the nodes of each topic and service; `hidden` includes hidden names, invalid node names are skipped."""
+    """Return the nodes of each topic and service; `hidden` includes hidden names.
+
+    Nodes with invalid names are skipped.
+    """
     graph: Graph = ({}, {}, {})
     for info in {(one.name, one.namespace): one for one in node.get_nodes()}.values():
         if not _is_shown(info, hidden):
@@ -102,7 +106,7 @@ class _View:
         self._options = options
         self._node = command_node.node
         self._sim_ns: int | None = None
-        """Simulated time in ns, 0 before the first message of ``/clock``; None if system time is used."""
+        """Simulated time in ns; 0 before the first message of ``/clock``, None if system time is used."""
         self._time_sent_s = 0.0
         self._parameters_changed = asyncio.Event()
         self._viewers_changed = asyncio.Event()  # or their subscriptions

@@ -112,7 +112,7 @@ class Server:
         self.channels: dict[int, AdvertisedChannel] = {}
         self.services: dict[int, AdvertisedService] = {}
         self.offers: dict[ClientChannelKey, ClientAdvertisement] = {}
-        """Topics that viewers have advertised to publish on, by ids of viewer and channel."""
+        """Topics on which viewers have announced to publish, by the ids of viewer and channel."""
         self.graph = protocol.NO_GRAPH
         self.heavy_message = asyncio.Lock()
         """Lock that is held while a long text message is handled, so that the server handles one at a time."""
@@ -259,7 +259,7 @@ class Server:
             self._broadcast(protocol.time(time_ns))
 
     def send_control(self, subject: str, text: str) -> None:
-        """Send a warning to all viewers, at most once a second for each `subject`."""
+        """Send a text message, usually a warning, to all viewers, at most once a second for each `subject`."""
         now = monotonic()
         if now < self._warned_at.get(subject, 0.0) + _WARNING_INTERVAL_S:
             return

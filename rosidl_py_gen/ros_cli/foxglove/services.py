@@ -1,4 +1,4 @@
-"""Services of the graph, which are advertised to viewers and which viewers call.
+"""Services of the graph, which are advertised to viewers so that viewers can call them.
 
 Requests and responses are decoded: an invalid request never reaches a server, and the viewer is sent the name of the
 wrong field.
@@ -41,7 +41,8 @@ class ServiceBridge:
         self._paths = paths
         self._hidden = hidden
         self._clients: dict[int, Client[Any, Any] | None] = {}
-        """Client of each advertised service, by the number that viewers use; None before the first call."""
+        """Clients of the advertised services, by the number that viewers use; None before the first call of a service.
+        """
         self._tasks = KeyedTasks(self._show)
         self._decoding = Worker()
 

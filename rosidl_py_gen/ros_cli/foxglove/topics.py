@@ -1,7 +1,7 @@
-"""Topics as viewers see them: a channel for each topic and type, with the bytes received from ROS.
+"""Topics in the form in which viewers see them: a channel for each topic and type, with the bytes received from ROS.
 
-A topic is subscribed to only while a viewer watches the topic, with the QoS that all publishers offer. The subscription
-is recreated when a publisher appears that offers less, and, for transient local publishers, for each further viewer.
+A topic is subscribed to only while a viewer watches it, with the QoS that all publishers offer. The subscription is
+recreated when a publisher appears that offers less, and, for transient local publishers, for each further viewer.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class _WatchedTopic:
     def __init__(self, channel: AdvertisedChannel, cls: type[Message] | None) -> None:
         self.channel = channel
         self.cls = cls
-        """Class with the name and hash of the definition that viewers receive; None if the definition is unknown."""
+        """Message class with the name and hash of the definition that viewers receive; None if the definition is
+        unknown."""
         self.subscription: AdaptiveSubscription[bytes] | None = None
         self.viewers: frozenset[int] = frozenset()
         self.has_failed = False
@@ -84,7 +85,9 @@ class TopicBridge:
         }
 
     def _others(self, topic: str) -> list[TopicEndpointInfo]:
-        """Return the endpoints of a topic that belong to other participants, without waiting for node names."""
+        """Return the endpoints of a topic that belong to other participants than the command's own, without waiting for
+        node names.
+        """
         node = self._node
         infos = [*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)]
         own = {one.guid for one in node.context.participants() if one.is_own}

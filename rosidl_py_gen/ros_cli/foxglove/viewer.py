@@ -59,7 +59,7 @@ class AdvertisedChannel:
     def __init__(self, advertisement: dict[str, Any]) -> None:
         self.advertisement = advertisement
         self.watchers: dict[Viewer, int] = {}
-        """Subscription id of each viewer that watches the topic."""
+        """Ids of the subscriptions to the topic, by the viewer that watches it."""
 
     @property
     def viewers(self) -> frozenset[int]:
@@ -88,7 +88,7 @@ class AdvertisedService(NamedTuple):
 class RateLimit:
     """Limit of the messages read from a viewer: `per_s` messages per second, with bursts of up to `per_s` messages.
 
-    A faster viewer is read more slowly, so that it has to wait; no message is lost.
+    If a viewer sends faster, its messages are read more slowly, so that it has to wait; no message is lost.
     """
 
     def __init__(self, per_s: int) -> None:
@@ -119,17 +119,17 @@ class Viewer:
         self._message_bytes = 0
         self._news = asyncio.Event()
         self._jobs: dict[asyncio.Task[None], int] = {}
-        """Calls and parameter requests in flight, with the size in bytes that each retains."""
+        """Messages of topics that wait to be sent: subscription id, time in ns, and data that all viewers share."""
         self._parameter_lock = asyncio.Lock()
         self._publishing: asyncio.Future[None] | None = None
         self._rejected = 0
-        """Number of refused entries in the message that is being handled."""
+        """Service calls and parameter requests in flight, each with the size in bytes of the data that it retains."""
         self._advertised: dict[int, ClientAdvertisement] = {}
         self.watched: dict[int, AdvertisedChannel] = {}
         """Channels that the viewer watches, by subscription id."""
         self.follows_graph = False
         self.followed: set[str] | None = set()
-        """Names of parameters whose changes are sent to the viewer; None stands for all."""
+        """Names of parameters whose changes are sent to the viewer; None means all parameters."""
 
     def send(self, subscription: int, time_ns: int, data: bytes) -> None:
         """Queue a message of a topic for the viewer; the oldest queued message is dropped if the queue is full."""
@@ -194,14 +194,16 @@ class Viewer:
                         await self._connection.send(protocol.message_data(*self._next_message()))
 
     def cancel(self) -> None:
-        """Cancel calls and parameter requests of the viewer, and the message that is being published."""
+        """Cancel the viewer's service calls and parameter requests, and the publishing of its current message."""
         for job in self._jobs:
             job.cancel()
         if self._publishing is not None:
             self._publishing.cancel()
 
     async def _handle(self, message: str | bytes, pace: RateLimit) -> None:
-        """Handle a message, then pause for as long as handling took, which leaves half of the time to others."""
+        """Handle a message of the viewer, then pause for as long as that took, which leaves half of the time to other
+        viewers.
+        """
         began = monotonic()
         self._rejected = 0
         publishing = None

@@ -1,1 +1,1 @@
-"""``rosidl-py graph``: connections of nodes as text, Mermaid, SVG or JSON."""
+"""Command ``rosidl-py graph``: prints the connections of nodes as text, Mermaid, SVG or JSON."""

@@ -104,7 +104,9 @@ def _picture(command_node: CommandNode, everything: bool) -> Picture:
 
 
 def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
-    """Return (publisher's node, topic, subscriber's node) for nodes of which no endpoints on the topic match."""
+    """Return tuples (publisher's node, topic, subscriber's node) of nodes with endpoints on the same topic none of
+    which match.
+    """
     match: dict[tuple[str, str, str], bool] = {}
     for topic in {edge.name for edge in edges if edge.kind == "topic"}:
         incompatible = {
@@ -143,7 +145,7 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
 
 
 def _edges_without_node(node: Node, everything: bool) -> Iterator[Edge]:
-    """Yield an edge for each endpoint that belongs to no node, or whose node name has not arrived."""
+    """Yield an edge of the graph for each endpoint that belongs to no node, or whose node name has not arrived yet."""
     from rosidl_py_gen.ros_cli.graph.text import Edge
 
     for topic, _ in node.get_topic_names_and_types():

@@ -42,7 +42,7 @@ _ARROW = (
 
 @dataclass
 class _NodeBox:
-    """Box of a node, topic, service or action with its position; `y` is the middle of the box."""
+    """Box of a node, topic, service or action in the picture; `y` is the vertical middle of the box."""
 
     name: str
     kind: str

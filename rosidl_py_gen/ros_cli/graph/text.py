@@ -27,7 +27,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class Picture:
-    """Graph to draw.
+    """Contents of a drawn graph.
 
     Attributes:
         nodes: nodes with edges; if no filter is used, also nodes without edges.
@@ -41,7 +41,7 @@ class Picture:
     incompatible: frozenset[tuple[str, str, str]] = frozenset()
 
     def of(self, node: str) -> list[Edge]:
-        """Return the edges of a node."""
+        """Return the edges of one node in the drawn graph."""
         return [edge for edge in self.edges if edge.node == node]
 
     def counterparts(self, edge: Edge) -> list[str]:
@@ -79,7 +79,7 @@ def lines(picture: Picture) -> Iterator[tuple[str, str]]:
 
 
 def document(picture: Picture) -> dict[str, Any]:
-    """Return the graph for JSON: the domain, and the topics, services and actions of each node."""
+    """Return the graph as a value for JSON output: the domain, and the topics, services and actions of each node."""
     nodes = []
     for node in picture.nodes:
         entry: dict[str, Any] = {"name": node}

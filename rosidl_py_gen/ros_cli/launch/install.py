@@ -41,15 +41,16 @@ from rosidl_py_gen.wheels.build import manifest_metadata, read_manifest, write_w
 from rosidl_py_gen.wheels.installer import Installer, find_installer
 
 ARCHIVE = "https://github.com/{repository}/archive/refs/heads/{branch}.zip"
-"""Address of the archive of a branch. Its comment is the commit, as git writes it."""
+"""Address of the archive of a repository's branch. git writes the hash of the commit as comment of the archive."""
 ORIGINS = "share/rosidl_py_gen/origins"
-"""Folder of the environment with a file ``PACKAGE.json`` for each installed package."""
+"""Folder in the Python environment that has a file ``PACKAGE.json`` for each installed package, with the package's
+origin."""
 _DOWNLOAD_TIMEOUT_S = 60
-"""Maximum time without data from the server, in seconds."""
+"""Maximum time in seconds without data from the server during a download."""
 _MAX_ARCHIVE_BYTES = 512 << 20
-"""Maximum size of an archive; that of navigation2, with maps and pictures, has 60 MB."""
+"""Maximum size in bytes of a downloaded archive; the archive of navigation2, with maps and pictures, has 60 MB."""
 _MAX_PACKAGE_BYTES = 64 << 20
-"""Maximum size of the extracted files of one archive."""
+"""Maximum size in bytes of all files that are extracted from one archive."""
 _CHUNK_BYTES = 1 << 16
 _EXTRA = "launch"
 _REQUIREMENTS = {"osrf_pycommon": "osrf-pycommon", "packaging": "packaging", "yaml": "pyyaml"}
@@ -79,7 +80,7 @@ class Origin:
 
     @property
     def text(self) -> str:
-        """Name, version, address, branch and commit, in one line."""
+        """Name, version, address, branch and commit of the installed package as one line of text."""
         branch = f", branch {self.branch}" if self.branch else ""
         folder = f", {self.folder}" if self.folder and self.folder != self.address else ""
         return f"{self.name} {self.version}: {self.address}{branch}{folder}, commit {self.commit or 'unknown'}"
@@ -87,7 +88,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class _PackageSource:
-    """Source folder of a package, and its origin."""
+    """Source folder of a package to install, with the origin of the folder."""
 
     folder: Path
     origin: Origin
@@ -125,7 +126,7 @@ def install(names: Sequence[str], clones: Sequence[str]) -> None:
 
 
 def _messages(names: Iterable[str]) -> dict[str, str]:
-    """Return the message packages that packages import, each with its repository."""
+    """Return the message packages that some packages import and that are not bundled, each with its repository."""
     return {
         message: repository
         for name in names

@@ -1,7 +1,8 @@
-"""Packages and executables that a launch file needs and that do not exist: errors with a cure, or skipped actions.
+"""Packages and executables that a launch file needs and that do not exist: errors that state the fix, or skipped
+actions.
 
-With ``--missing skip``, the share folder of a missing package is a path that does not exist, as many files look up all
-packages first. The facts about launch and launch_ros are in docs/internals/protocol.md 15.
+With ``--missing skip``, the share folder of a missing package is a path that does not exist, because many files look up
+all packages first. The facts about launch and launch_ros are in docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations
@@ -33,16 +34,20 @@ _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
 _NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")
 """Pattern of error texts that are about a missing executable, package, command or file."""
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
-"""Private names: the function of ament_index_python that finds share folders, and an attribute of launch_ros."""
+"""Private names of other packages: the function of ament_index_python that finds share folders, and an attribute of
+launch_ros."""
 _PLACE = "_rosidl_py_gen_place"
-"""Attribute that we add to actions: the launch file that has created them, and the line, which is 0 in XML and YAML."""
+"""Name of an attribute that is added to actions of launch: the launch file that created the action, and the line (0 in
+XML and YAML)."""
 _PYTHON_FILE, _FRONTEND_FILE = "python_launch_file", "frontend_launch_file_path"
-"""Module name of every launch file in Python, and variable in launch with the path of a file in XML or YAML."""
+"""Two names: the module name of every launch file in Python, and the variable of launch with the path of an XML or YAML
+file."""
 _MAX_DEPTH = 100
 """Maximum depth of includes of launch files."""
 _MAX_VALUE_CHARS = 60
 _NAMING = r"\b(?:exec|cmd|pkg|find-pkg-\w+)\W+{}(?![\w.-])"
-"""Pattern of XML and YAML that names a package, executable or command, the name of which replaces ``{}``."""
+"""Regular expression for XML and YAML text that names a package, executable or command; ``{}`` is replaced by its name.
+"""
 
 
 class MissingParts:
@@ -128,7 +133,7 @@ class MissingParts:
         return None if is_skipped else execute(action, context)
 
     def part_of(self, error: BaseException, action: Any = None, context: Any = None) -> str | None:
-        """Return a text about the missing package, executable or file that an error is about; None for other errors."""
+        """Return a text about the missing package, executable or file that caused an error; None for other errors."""
         for one in _causes(error):
             if isinstance(one, ModuleNotFoundError):
                 return f"Python module {one.name}"
@@ -142,7 +147,9 @@ class MissingParts:
         return None
 
     def error_text(self, error: BaseException, part: str | None, default: tuple[str, int]) -> str:
-        """Describe an error: location (default: `default`), the missing part if known, and how to fix it."""
+        """Return the text of an error in a launch file: location (or `default`), the missing part if known, and how to
+        fix it.
+        """
         causes = _causes(error)
         cause: Any = causes[-1]
         frames = [pair for one in causes for pair in traceback.walk_tb(one.__traceback__)]
@@ -238,7 +245,7 @@ def _includes_itself_text(file: str) -> str:
 
 
 def _described(value: Any) -> str:
-    """Return the type of a value, and a short text of it."""
+    """Return a text about a value for errors: its type, and a short form of it."""
     if value is None:
         return "None"
     text = " ".join(ascii(value).split()) if isinstance(value, (str, int, float)) else ""
@@ -246,7 +253,11 @@ def _described(value: Any) -> str:
 
 
 def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:
-    """Return launch file and line of the first frame that runs one in Python, or reads one in XML or YAML; or None."""
+    """Return the launch file and line of the first stack frame that runs a launch file in Python, or reads one in XML
+    or YAML.
+
+    Returns None if there is no such frame.
+    """
     for frame, line in frames:
         if frame.f_globals.get("__name__") == _PYTHON_FILE:
             return frame.f_code.co_filename, line
@@ -256,14 +267,17 @@ def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:
 
 
 def _line_naming(name: str, file: str) -> int:
-    """Return the line of an XML or YAML file that names a package, executable or command; 0 if not exactly one does."""
+    """Return the line of an XML or YAML file that names a package, executable or command.
+
+    Returns 0 if there is not exactly one such line.
+    """
     text = Path(file).read_text(encoding="utf-8", errors="replace")
     lines = [text.count("\n", 0, one.end()) + 1 for one in re.finditer(_NAMING.format(re.escape(name)), text)]
     return lines[0] if len(lines) == 1 else 0
 
 
 def _causes(error: BaseException) -> list[BaseException]:
-    """Return an error and its explicit causes."""
+    """Return an error and the errors that explicitly caused it."""
     return [error, *(_causes(error.__cause__) if error.__cause__ else ())]
 
 

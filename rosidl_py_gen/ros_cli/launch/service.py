@@ -1,4 +1,6 @@
-"""Run of the command ``launch``: packages and prefix, arguments of a launch file, and the end of all its processes."""
+"""Run of the command ``launch``: packages and prefix, arguments of the launch file, and the end of all its
+processes.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +32,15 @@ from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
 
 _PIP_FOLDERS = ("AMENT_PREFIX_PATH", sys.prefix), ("AMENT_PREFIX_PATH", site.USER_BASE)
-"""Variables and the folders to add to them, into which pip installs share files of launch and a resource index."""
+"""Environment variables, each with a folder to add to it: pip installs share files of launch and a resource index
+there."""
 _PARSERS = {".xml": "launch_xml", ".yaml": "launch_yaml", ".yml": "launch_yaml"}
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
-"""Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
+"""Names of launch configurations that actions of launch and launch_ros read although no launch file declares them."""
 _CONDITIONAL = "_conditionally_included"
 _GRACE_S = 1.0
-"""Time between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind; all end within 5 s of Ctrl-C."""
+"""Time in seconds between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind; all end within 5 s of
+Ctrl-C."""
 
 
 def start(
@@ -75,7 +79,9 @@ def start(
 
 
 def _require_packages(*names: str) -> None:
-    """Raise `CommandError` with the command that installs a package of ROS if it is missing or another of that name."""
+    """Raise `CommandError` with the command that installs a package of ROS, if it is missing or another package has its
+    name.
+    """
     for name in names:
         spec = find_spec(name)
         if spec is None or spec.origin is None:

@@ -1,4 +1,4 @@
-"""``rosidl-py bag play``: its options, which equal the options of ``ros2 bag play``."""
+"""Command ``rosidl-py bag play`` and its options, which equal the options of ``ros2 bag play``."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ class PlayOptions:
 
     @property
     def bags(self) -> Sequence[str]:
-        """Paths of the bags to play."""
+        """Paths of the bags that are played."""
         return [self.path] if self.path else self.inputs
 
     @property
     def playback_s(self) -> float | None:
-        """Maximum duration; None for negative values, as in rosbag2."""
+        """Maximum duration of playback in seconds; None for negative values, as in rosbag2."""
         return None if self.playback_duration_s is None or self.playback_duration_s < 0 else self.playback_duration_s
 
     @property
@@ -79,7 +79,7 @@ class PlayOptions:
 
     @property
     def has_clock(self) -> bool:
-        """True if ``/clock`` is published."""
+        """True if the options request to publish ``/clock``."""
         return self.clock_hz is not None or bool(self.clock_topics) or self.clock_topics_all
 
 

@@ -61,18 +61,21 @@ class Timeline:
         return True
 
     def jump(self, at_ns: int) -> None:
-        """Set the time of the clock in nanoseconds, and make a waiting `until` return False."""
+        """Set the clock to a time in nanoseconds, and make a waiting `until` return False."""
         self._at_ns, self._since_s = at_ns, now_s()
         self.wake()
 
     def wake(self) -> None:
-        """Make a waiting `until` return False."""
+        """Make a waiting `until` return False, although the clock was not changed."""
         self._changes += 1
         if self._wake_up is not None and not self._wake_up.done():
             self._wake_up.set_result(False)
 
     async def until(self, at_ns: int | None) -> bool:
-        """Wait until the clock reaches a time (None: never); returns False if the clock was changed meanwhile."""
+        """Wait until the clock reaches a time (None: never).
+
+        Returns False if the clock was changed during the wait.
+        """
         if not self.is_paused and at_ns is not None:
             left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self.rate - now_s()
             if left_s <= 0:
@@ -99,7 +102,10 @@ def _set_due(waiting: asyncio.Future[bool]) -> None:
 
 
 class Player:
-    """Player of a recording, with methods for keys and services; raises `CommandError` for options. Thread: loop."""
+    """Player of a recording, with methods for keys and services.
+
+    The constructor raises `CommandError` for invalid options. Thread: loop.
+    """
 
     def __init__(
         self,
@@ -220,16 +226,16 @@ class Player:
         self._next = next(self._messages, None)
 
     async def started(self) -> None:
-        """Wait until `play` has started; before, there is no next message."""
+        """Wait until `play` has started; before that there is no next message."""
         await self._has_begun.wait()
 
     def toggle(self) -> None:
-        """Pause playback, or resume playback that is paused."""
+        """Pause playback, or resume it if it is paused."""
         self.timeline.set_paused(not self.timeline.is_paused)
         self.on_change()
 
     def change_rate(self, by: float) -> None:
-        """Add `by` to the rate of playback, unless the rate would not be above 0."""
+        """Add `by` to the rate of playback, unless the new rate would be 0 or less."""
         self.timeline.set_rate(round(self.timeline.rate + by, 6))
         self.on_change()
 
@@ -305,7 +311,10 @@ def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
 
 
 def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
-    """Return the topics that ROS 2 permits to publish, and note others; raises `CommandError` if none is left."""
+    """Return the topics that ROS 2 permits to publish, and print a note about others.
+
+    Raises `CommandError` if none is left.
+    """
     left = {}
     for _, channel in recording.channels:
         if channel.name not in topics:

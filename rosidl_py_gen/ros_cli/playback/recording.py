@@ -1,4 +1,4 @@
-"""One or several bags that are played together, and the selection of their topics and messages.
+"""Recording of one or several bags that are played together, and the selection of their topics and messages.
 
 With ``--topics``, ``--services``, ``--actions`` or ``--regex`` only the named topics, service events and topics of
 actions are played. Exclusion precedes inclusion. Patterns match whole names, as for ``ros2 bag play``.
@@ -31,7 +31,10 @@ _KINDS = {".db3": "sqlite3", ".mcap": "mcap"}
 
 
 class Recording:
-    """Bags that are played together; a context manager. Raises `CommandError` if a bag has another `storage`."""
+    """Bags that are played together; a context manager.
+
+    Raises `CommandError` if a bag has another storage format than the requested `storage`.
+    """
 
     def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
         with ExitStack() as stack:
@@ -46,7 +49,7 @@ class Recording:
         ]
         """Recorded channels of all bags, each with the reader of its bag."""
         self.owners = {channel.name: topic_owner(channel.name, channel.type_name) for _, channel in self.channels}
-        """Service, action or topic that each recorded topic belongs to, by name of the topic."""
+        """Owner of each recorded topic by the topic's name: a service, an action or the topic itself."""
         self.topics = sorted(self.owners)
         filled = [reader for reader in self._readers if reader.end_ns]
         self.start_ns = min((reader.start_ns for reader in filled), default=0)
@@ -82,7 +85,7 @@ def _require_storage(reader: BagReader, storage: str | None) -> None:
 
 
 def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawMessage]:
-    """Sort messages by publish time within a window of `ahead` messages."""
+    """Yield messages sorted by publish time within a window of `ahead` messages."""
     waiting: list[tuple[int, int, RawMessage]] = []
     for number, message in enumerate(messages):
         heappush(waiting, (message.publish_time, number, message))
@@ -121,7 +124,10 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
 
 
 def _existing_names(recording: Recording, kind: str, names: Sequence[str], prefix: str) -> set[str]:
-    """Return the full names that the bags have; a missing name is an error, but only noted with a `prefix`."""
+    """Return the full names of some names that the bags have.
+
+    A missing name is an error; with a `prefix` only a note is printed.
+    """
     owners = recording.owners.values()
     existing = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
     full = {name if name.startswith("/") else f"/{name}" for name in names}

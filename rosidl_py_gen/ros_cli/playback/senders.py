@@ -105,7 +105,7 @@ class TopicPublishers:
 
 
 async def wait_each_until_timeout(waits: Iterable[Awaitable[object]]) -> list[WaitTimeoutError]:
-    """Wait for all awaitables; return the errors of those that timed out."""
+    """Wait for all awaitables; return the errors of the awaitables that timed out."""
     timed_out = []
     for outcome in await asyncio.gather(*waits, return_exceptions=True):
         if isinstance(outcome, WaitTimeoutError):
@@ -167,7 +167,10 @@ class Requests:
         """Number of requests sent."""
 
     def sender(self, reader: BagReader, channel: BagTopic, service: str) -> Callable[[bytes], bool]:
-        """Create a client, and return a function that sends the request in an event and returns True if it did."""
+        """Create a client of a service, and return a function that sends the request in an event.
+
+        It returns True if a request was sent.
+        """
         cls, event = self._classes(reader, channel)
         key = service, type_hash(event)
         if key not in self._clients:

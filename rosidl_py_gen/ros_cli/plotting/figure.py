@@ -33,7 +33,7 @@ _STYLE: Any = {
 
 
 def require_format(path: str) -> None:
-    """Raise `CommandError` if matplotlib cannot write files with the ending of a path."""
+    """Raise `CommandError` if matplotlib cannot write files with the suffix of a path."""
     known = Figure().canvas.get_supported_filetypes()
     if PurePath(path).suffix[1:].lower() not in known:
         endings = ", ".join(f".{name}" for name in sorted(known, key=lambda name: (name not in ("png", "svg"), name)))
@@ -41,7 +41,7 @@ def require_format(path: str) -> None:
 
 
 def write_figure(panels: Sequence[PlotPanel], axis: TimeAxis, path: str) -> None:
-    """Write a plot of the panels to a file, whose ending selects the format. Raises OSError."""
+    """Write a plot of the panels to a file, whose suffix selects the format. Raises OSError."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=_size(len(panels)), dpi=_DPI, layout="constrained")
         draw(figure, panels, axis)

@@ -22,10 +22,11 @@ from rosidl_py_gen.ros_cli.type_resolution import require_stamp
 
 Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
 BUCKETS = 2000
-"""Number of time buckets of a line. A plot is about 1500 pixels wide; more buckets cost time without visible effect."""
+"""Number of time buckets into which a line's points are reduced. A plot is about 1500 pixels wide; more buckets cost
+time without visible effect."""
 _MAX_POINTS = 8 * BUCKETS
 MAX_ELEMENTS = 20
-"""Maximum number of elements of one array that are drawn as lines; more lines cannot be told apart."""
+"""Maximum number of elements of one array that are drawn as lines; more lines could not be distinguished."""
 MAX_LINES = 100
 _MAX_LISTED = 60
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
@@ -94,7 +95,7 @@ class PlotPanel:
 
 
 class TopicLines:
-    """Adds the fields of a topic's messages to the lines of a panel.
+    """Converter that adds the fields of a topic's messages to the lines of a panel.
 
     Args:
         topic: name for error texts.
@@ -110,7 +111,7 @@ class TopicLines:
         self._lines: dict[str, PlotLine] = {}
 
     def use(self, cls: type[Any]) -> None:
-        """Prepare for messages of a class; raises `CommandError` for fields that cannot be drawn."""
+        """Prepare to add messages of a class; raises `CommandError` for fields that cannot be drawn."""
         if self._by_stamp:
             require_stamp(self._topic, cls)
         self._columns[cls] = columns = numeric_columns(cls, self._topic, self._paths)
@@ -151,7 +152,7 @@ class TopicLines:
 
 
 def _elements(column: Column, values: Any, note: Callable[[str], object]) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of the first 20 elements of an array; note that further elements are not drawn."""
+    """Yield name and value of the first 20 elements of an array; print a note if further elements are not drawn."""
     before, _, after = column.name.partition("[") if ":" in column.name else (column.name, "", "]")
     part, _, after = after.partition("]")
     start = part.partition(":")[0].strip()
@@ -218,7 +219,10 @@ def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
 
 
 class DrawnLine(NamedTuple):
-    """Points of a line as they are drawn; times are seconds since the start of the plot, or since 1970."""
+    """Points of a line in the form in which they are drawn.
+
+    Times are seconds since the start of the plot, or since 1970.
+    """
 
     label: str
     times: Floats
@@ -250,7 +254,7 @@ class TimeAxis:
         return ("time of header.stamp" if self.by_stamp else "time") + ("" if self.is_wall_clock else " [s]")
 
     def begin(self, panels: Sequence[PlotPanel]) -> None:
-        """Set the time at which the axis has 0 to the time of the first message of all panels."""
+        """Set the time at which the axis has 0 to the time of the first message in all panels."""
         self.start_s = min((panel.start_s for panel in panels if panel.count), default=0.0)
 
     def drawn(self, panel: PlotPanel) -> list[DrawnLine]:
@@ -264,7 +268,7 @@ class TimeAxis:
         return lines
 
     def left(self, panels: Sequence[PlotPanel]) -> float | None:
-        """Return the left end of the axis if `last_s` limits the drawn time; None if all points are drawn."""
+        """Return the left end of the time axis if `last_s` limits the drawn time; None if all points are drawn."""
         ends = [line.times[-1] for panel in panels for line in self.drawn(panel)]
         starts = [line.times[0] for panel in panels for line in self.drawn(panel)]
         if self.last_s is None or not ends or max(ends) - min(starts) < self.last_s:

@@ -39,7 +39,7 @@ plot_options = options.all_of(
 
 
 def require_output(out: str | None, in_terminal: bool) -> None:
-    """Raise an error if the plot cannot be output: the extra ``plot`` is missing, or the ending of `out` is unknown."""
+    """Raise an error if the plot cannot be output: the extra ``plot`` is missing, or the suffix of `out` is unknown."""
     if out is not None:
         require_modules("matplotlib")
         from rosidl_py_gen.ros_cli.plotting.figure import require_format

@@ -14,12 +14,13 @@ from rosidl_py_gen.errors import printable
 from rosidl_py_gen.ros_cli.plotting.lines import DrawnLine, PlotPanel, TimeAxis
 
 _COLORS = ("cyan", "orange", "green", "magenta", "red", "blue")
-"""Colours of the lines, repeated if there are more; plotext calls the yellow of terminals orange."""
+"""Colours of the lines in a terminal plot, used repeatedly if there are more lines; plotext calls the yellow of
+terminals orange."""
 _MAX_VALUE = 8e307
 """Maximum absolute value that is drawn; twice the value is still a finite number."""
 _MIN_WIDTH, _MIN_ROWS = 20, 4
 _FRAME_ROWS = 3
-"""Rows of a plot in addition to its canvas: the frame and the texts of the time axis."""
+"""Number of text rows of a plot in addition to its canvas, for the frame and the texts of the time axis."""
 
 
 def text_plot(panels: Sequence[PlotPanel], axis: TimeAxis, width: int, height: int) -> str:
@@ -95,7 +96,7 @@ def _scale(lines: Sequence[DrawnLine], first: float) -> tuple[float, float]:
 
 
 def _ticks(low: float, high: float, rows: int) -> list[str]:
-    """Return texts for values from `low` to `high` on the axis; the texts of plotext have up to 300 digits."""
+    """Return texts for axis values from `low` to `high`; the texts that plotext makes have up to 300 digits."""
     count = max(2, min(5, rows // 3 + 1))
     return [_number(float(value), high - low) for value in np.linspace(low, high, count)]
 
@@ -110,7 +111,10 @@ def _number(value: float, span: float) -> str:
 
 
 def _time_ticks(first: float, last: float, axis: TimeAxis) -> list[str]:
-    """Return the texts of the ends and the middle of the time axis; the middle one has the name of the axis."""
+    """Return texts for both ends and the middle of the time axis.
+
+    The text in the middle contains the name of the axis.
+    """
     if axis.is_wall_clock:
         return [_clock_text(first), axis.label, _clock_text(last)]
     left, middle, right = (_number(time, last - first) for time in (first, (first + last) / 2, last))

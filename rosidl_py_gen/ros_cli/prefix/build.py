@@ -29,17 +29,20 @@ from rosidl_py_gen.type_loading.disk_cache import cached_folder
 STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
 _ON_PACKAGE_INDEX = ("xacro",)
-"""Packages of the package index, used if installed, whose executables launch files run by the ROS name."""
+"""Names of packages on the Python package index that are used if installed, because launch files run their executables
+by the ROS name."""
 _MODE = 0o755
-"""File mode of the folders of a prefix that the user has named: other users may use the prefix if the umask permits."""
+"""File mode for the folders of a prefix whose path the user has given: other users may use the prefix if the umask
+permits."""
 _NAME = re.compile(r"[A-Za-z0-9][\w-]{1,200}", re.ASCII)
-"""Pattern of package names that ament_index_python accepts; 201 characters are enough, and fit into a file name."""
+"""Regular expression for package names that ament_index_python accepts, of at most 201 characters, so that they fit
+into a file name."""
 NAME_RULE = "2 to 201 ASCII letters, digits, _ and -, of which the first is a letter or digit"
 
 
 @dataclass(frozen=True)
 class Prefix:
-    """An ament prefix that `build_prefix` has created or updated.
+    """Ament prefix that `build_prefix` has created or updated.
 
     Attributes:
         packages: source folders of its packages by name.
@@ -112,7 +115,7 @@ def is_ament_name(name: str) -> bool:
 
 
 def _distrust_reason(prefix: Path) -> str:
-    """Return why other users can change files of a prefix; "" if they cannot."""
+    """Return a text that states why other users can change files of a prefix; "" if they cannot."""
     own = part_reason(os.path.realpath(prefix), is_folder=True)
     return distrust_reason(prefix) or own or entries_reason(prefix, accepts_private_group=True)
 
@@ -148,7 +151,9 @@ def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]
 
 
 def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFile]:
-    """Return setup scripts, module ``sitecustomize`` and program ``ros2`` of a prefix, by path below the prefix."""
+    """Return the files that this package adds to a prefix, by relative path: setup scripts, ``sitecustomize`` and a
+    program ``ros2``.
+    """
     if os.pathsep in str(prefix):
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
     names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
@@ -263,7 +268,7 @@ class _Writer:
         return True
 
     def _replace(self, path: Path, file: PrefixFile) -> None:
-        """Write a file completely or not at all, because other processes may use the prefix."""
+        """Write a file in one step, so that other processes that use the prefix never see an incomplete file."""
         self._new.unlink(missing_ok=True)
         if file.content is not None:
             self._new.write_bytes(file.content)

@@ -1,4 +1,4 @@
-"""Executable of a package or a command line, and the program of a prefix that runs it."""
+"""Executable of a package or of a command line, and the program in a prefix that runs it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MAX_SHEBANG = 120
 
 @dataclass(frozen=True)
 class Executable:
-    """Script, module, or function of a module.
+    """Python executable: a script, a module, or a function of a module.
 
     Attributes:
         name: name in its package; of a program that is run, `sys.argv[0]`.
@@ -43,7 +43,7 @@ class Executable:
 
     @property
     def place(self) -> Path:
-        """Path in the workspace of the executable: its script, or else its folder."""
+        """Path that determines the workspace of the executable: its script, or else its folder."""
         return self.folder if self.file is None else self.file.resolve()
 
     def program(self) -> bytes:

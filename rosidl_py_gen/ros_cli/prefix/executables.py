@@ -37,7 +37,8 @@ BUNDLED: dict[str, dict[str, str]] = {
     "robot_state_publisher": {"robot_state_publisher": "rosidl_py_gen.robot.robot_state_publisher:main"},
     "tf2_ros": {"static_transform_publisher": "rosidl_py_gen.robot.static_transform_publisher:main"},
 }
-"""Executables of ROS packages that rosidl-py-gen contains: ROS package -> name -> ``module:function``."""
+"""Executables of ROS packages that rosidl-py-gen contains: a dict by ROS package, then by name, with
+``module:function``."""
 
 
 def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dict[str, Executable]:
@@ -71,7 +72,7 @@ def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dic
 
 
 def uncertain_text(setup: PackageSetup, folder: Path, *arguments: str) -> str:
-    """Return a text about those `arguments` of the call of ``setup()`` that are unknown; "" if all are known."""
+    """Return a text about which of the `arguments` of the call of ``setup()`` are unknown; "" if all are known."""
     unknown = [name for name in arguments if name in setup.uncertain]
     place = display_path(folder / (setup.unread or "setup.py"))
     text = f"{' and '.join(unknown)} of {place} are not known{'' if setup.unread else ' without running it'}: "
@@ -95,7 +96,7 @@ def console_scripts(
 
 
 def _elsewhere(setup: PackageSetup, package: str) -> str:
-    """Return a warning for an executable that a build installs where ros2 run and launch do not find it."""
+    """Return a warning for an executable that a build installs in a place where ros2 run and launch do not find it."""
     return (
         f"a build installs this executable of {package} into {setup.scripts_folder}, where ros2 run and launch do not "
         f"find it; setup.cfg needs [develop] script_dir=$base/lib/{package} and "

@@ -1,4 +1,5 @@
-"""Files of a prefix that one source package installs, read from its setup.py or CMakeLists.txt, which are not run.
+"""List of the files that one source package installs into a prefix, read from its setup.py or CMakeLists.txt, which are
+not run.
 
 Folders of the prefix are real, and files are links (docs/internals/protocol.md 14.1). Python packages are links to
 their source folders. If install rules cannot be read, the files of the source folder are linked instead.
@@ -33,7 +34,8 @@ from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, set
 
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
-"""Python packages that the import hook provides instead of the packages of the workspace."""
+"""Names of Python packages that the import hook provides, so that packages of these names in the workspace are not
+used."""
 MAX_FILES = 20_000
 """Maximum number of files that a package installs, and of directory entries that are read to find the files."""
 MAX_COPY_BYTES = 16 << 20
@@ -49,7 +51,7 @@ _VERSION = re.compile(r"[\w.+-]+")
 
 
 class PrefixFile(NamedTuple):
-    """A file of a prefix: a link to `source`, or a file with `content` and the permissions `mode`."""
+    """File of a prefix: a link to `source`, or a file with `content` and the permissions `mode`."""
 
     source: Path | None = None
     content: bytes | None = None
@@ -57,7 +59,7 @@ class PrefixFile(NamedTuple):
 
 
 PROGRAM = 0o755
-"""Permissions of a program in a prefix."""
+"""File mode (permissions) of a program in a prefix."""
 
 
 class PackagePlan:
@@ -138,7 +140,9 @@ class PackagePlan:
             self._problem(text)
 
     def _link_sources(self) -> None:
-        """Link the files of the source folder below ``share``, except those that known rules install there."""
+        """Link the files of the source folder below ``share`` of the prefix, except files that known rules install
+        there.
+        """
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
         modules = {file.source for place, file in self.files.items() if place.startswith(SITE_PACKAGES)}
@@ -180,7 +184,7 @@ class PackagePlan:
             raise UnreadableError(f"it installs more than {MAX_FILES} files; the others are skipped")
 
     def _source(self, path: str) -> Path | None:
-        """Return a path in the package folder, or add a problem and return None if the path is outside the folder."""
+        """Return a path in the package folder; if the path is outside of the folder, add a problem and return None."""
         if UNKNOWN in path:
             self._is_complete = False
         elif (place := "." if posixpath.normpath(path) == "." else inside(path)) is not None:
@@ -216,7 +220,9 @@ class PackagePlan:
         return self._add(place, file)
 
     def _expand_folders(self, path: str) -> None:
-        """Replace a linked Python package above `path` by links to its files, so that `path` can be added."""
+        """Replace the link to a Python package that is above `path` by links to its files, so that `path`
+        can be added.
+        """
         parts = path.split("/")
         for end in range(len(SITE_PACKAGES.split("/")) + 1, len(parts)):
             above = "/".join(parts[:end])

@@ -1,4 +1,4 @@
-"""Running the setup.py of a package in a process of its own, to get the arguments of `setup` exactly.
+"""Running the setup.py of a package in a separate process, to get the arguments of `setup` exactly.
 
 Only commands that run code of the workspace anyway run setup.py: ``run``, ``launch`` and ``test``. The result is cached
 until a file that setup.py has read changes.
@@ -29,9 +29,10 @@ TIMEOUT_S = 10.0
 _MAX_RESULT_BYTES = 4 << 20
 _MAX_ERROR_BYTES = 64 << 10
 _READ_GRACE_S = 1.0
-"""Time to read remaining output after setup.py has ended, in seconds; a child process may keep the output open."""
+"""Time in seconds to read remaining output after setup.py has ended; a child process may keep the output open."""
 _OF_SHELLS = {"_", "OLDPWD", "PWD", "SHLVL"}
-"""Environment variables that shells change with each command; a cached result depends on all others."""
+"""Environment variables that shells change with each command, so that a cached result of setup.py does not depend on
+them."""
 
 
 _results: dict[tuple[Path, str, Stamp], Any] = {}
@@ -117,7 +118,7 @@ def _record(folder: Path) -> Any:
 
 
 class _Tail:
-    """Reader of a stream in a thread, which retains the last bytes."""
+    """Thread that reads a stream and retains its last bytes."""
 
     def __init__(self, stream: IO[bytes] | None, max_bytes: int) -> None:
         assert stream is not None

@@ -127,7 +127,10 @@ def _replace_setup(record: Callable[..., None]) -> None:
 
 
 class _AnyClass:
-    """Base of replacements for classes such as `Extension` or `Command`, with any arguments and attributes."""
+    """Base of replacements for missing classes such as `Extension` or `Command`.
+
+    It accepts any arguments and has any attributes.
+    """
 
     def __init__(self, *arguments: object, **words: object) -> None:
         self.__dict__.update(words)
@@ -156,7 +159,7 @@ def _replacement(name: str) -> Any:
 
 
 class _ReplacementFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finder of the modules of setuptools and distutils, if these do not exist."""
+    """Import finder that provides replacements for modules of setuptools and distutils, if these do not exist."""
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         is_known = name.partition(".")[0] in ("setuptools", "distutils", "pkg_resources")

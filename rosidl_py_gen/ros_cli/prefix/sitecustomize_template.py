@@ -1,4 +1,5 @@
-"""Makes rclpy, its companions and message packages importable in every Python process that uses a prefix.
+"""Module ``sitecustomize`` of a prefix: makes rclpy, its companions and message packages importable in every Python
+process.
 
 Written by rosidl-py prefix. Python imports this module when it starts; the import hook is installed by the first import
 of such a package. Another module of this name is imported, too.
@@ -12,7 +13,9 @@ _HOOK = "rosidl_py_gen.type_loading.import_hook"
 
 
 class _HookInstaller:
-    """Finder that installs the import hook, and passes on what the hook finds."""
+    """Import finder that installs the import hook at the first import that needs it, and passes on what the
+    hook finds.
+    """
 
     def find_spec(self, fullname, path=None, target=None):  # type: ignore[no-untyped-def]
         if fullname.partition(".")[0] not in _NAMES or any(type(one).__module__ == _HOOK for one in sys.meta_path):
@@ -36,7 +39,10 @@ class _HookInstaller:
 
 
 def _print_error(kind, error, traceback):  # type: ignore[no-untyped-def]
-    """Print an exception that ends the program; for Ctrl-C without the frames inside rclpy, as rosidl-py run does."""
+    """Print an exception that ends the program.
+
+    For Ctrl-C, frames inside rclpy are omitted, as by rosidl-py run.
+    """
     if issubclass(kind, KeyboardInterrupt):
         from importlib import import_module
 

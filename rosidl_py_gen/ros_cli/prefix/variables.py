@@ -16,7 +16,10 @@ FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 
 
 def variables(prefix: Path | None) -> dict[str, str]:
-    """Return the environment variables for a process that uses `prefix`, if not None; lists retain current values."""
+    """Return environment variables for a process that uses a prefix (if not None).
+
+    Variables with lists keep their current entries.
+    """
     found = {name: os.environ.get(name, value) for name, value in FIXED.items()} | of_distribution()
     found[RUN_PREFIX] = ""
     for name, folder in folders(prefix).items() if prefix is not None else ():

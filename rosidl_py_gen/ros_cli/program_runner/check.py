@@ -1,4 +1,4 @@
-"""``rosidl-py run --check``: modules, names and packages that a program uses and that are missing; nothing is run.
+"""Option ``rosidl-py run --check``: finds missing modules, names and packages that a program uses, without running it.
 
 The syntax trees of the program and of the modules of its package and workspace are read. Names of rclpy and of message
 packages are looked up in these modules, which are imported; of other packages only the presence is checked. An import
@@ -90,18 +90,24 @@ def check(program: Executable, packages: Callable[[], Mapping[str, Path]], as_js
 
 
 class _OwnModules:
-    """Source files of the modules next to a program and of the packages of its workspace; nothing is imported."""
+    """Source files of modules that are next to a program or in packages of its workspace.
+
+    Returns nothing is imported to find them.
+    """
 
     def __init__(self, packages: Callable[[], Mapping[str, Path]]) -> None:
         self._packages = packages
 
     def file(self, module: str) -> Path | None:
-        """Return the source file of a module, None if it is elsewhere or does not exist."""
+        """Return the source file of a module; None if the module is elsewhere or does not exist."""
         spec = self._spec(module)
         return None if spec is None or not (spec.origin or "").endswith(".py") else Path(str(spec.origin))
 
     def owner_without(self, module: str) -> Path | None:
-        """Return the file of the top-level package if the package is here and does not have the module, else None."""
+        """Return the file of a module's top-level package if that package is in the workspace and lacks the module.
+
+        Returns None otherwise.
+        """
         top, _, below = module.partition(".")
         return self.file(top) if below and self._spec(module) is None else None
 
@@ -132,7 +138,7 @@ class _OwnModules:
 
     @cached_property
     def _installed(self) -> dict[str, Path]:
-        """Sources of the modules that the packages install, as their install rules say; none on Windows.
+        """Source files of the modules that the packages install, by their install rules; empty on Windows.
 
         A program finds these modules in its prefix, which Windows does not have.
         """
@@ -256,7 +262,9 @@ class _FileChecker:
         return None
 
     def _check_class(self, node: ast.ClassDef, assigned: set[str]) -> None:
-        """Check that ``self.x`` exists in a class whose bases are all of rclpy, unless the file assigns any ``x``."""
+        """Check that ``self.x`` exists in a class all of whose bases are of rclpy, unless the file assigns to any
+        attribute ``x``.
+        """
         bases = [self._resolve(base) for base in node.bases]
         if not bases or not all(isinstance(base, type) and _is_ours(base.__module__) for base in bases):
             return

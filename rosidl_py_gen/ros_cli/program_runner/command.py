@@ -18,7 +18,7 @@ _TEST_COMMANDS = {"ament_add_pytest_test": 1, "add_launch_test": 0}
 
 
 class _Program(click.Command):
-    """Click command that passes all words after the name of a program to the program, as python does."""
+    """Click command that passes all words after the name of a program on to the program, as python does."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         known = {name: one for one in self.get_params(ctx) for name in one.opts if isinstance(one, click.Option)}

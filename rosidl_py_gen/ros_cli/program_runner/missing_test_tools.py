@@ -1,4 +1,4 @@
-"""Plug-in of pytest: tests that import linters of ament or launch_testing are skipped if these are not installed."""
+"""Plug-in of pytest that skips tests which import linters of ament or launch_testing, if these are not installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Running a program as `python` does: `__main__`, `sys.argv`, `sys.path`, exit code, signals, and errors that end it.
+"""Running of a program as `python` does: `__main__`, `sys.argv`, `sys.path`, exit code, signals, and errors that end
+it.
 
 For Ctrl-C the frames below a call of rclpy are hidden. For a missing module that is a message package, a hint is added.
 Other exceptions are printed in full, so that errors of this package are visible.
@@ -101,7 +102,7 @@ def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> Modu
 
 
 def _spec(name: str) -> ModuleSpec:
-    """Return the spec of the module that ``-m`` names, or of `__main__` in a package. Raises `CommandError`."""
+    """Return the import spec of the module that ``-m`` names, or of `__main__` in a package. Raises `CommandError`."""
     try:
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.submodule_search_locations is not None:
@@ -156,7 +157,10 @@ def refused_arguments(error: BaseException) -> str:
 
 
 def _program_frames(traceback: TracebackType | None) -> TracebackType | None:
-    """Return the frames of the program, and of each sequence of frames of rosidl-py-gen only the first."""
+    """Return the stack frames of the program.
+
+    Of each sequence of frames of rosidl-py-gen only the first frame is included.
+    """
     frames: list[TracebackType] = []
     is_inside = False
     for one in _entries(traceback):

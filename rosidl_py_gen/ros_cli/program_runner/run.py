@@ -1,4 +1,4 @@
-"""Look-up of the program of ``rosidl-py run`` (file, module, or executable of a package), and set-up of its imports."""
+"""Search for the program of ``rosidl-py run`` (file, module, or executable of a package), and set-up of its imports."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _set_environment(place: Path, paths: Sequence[str]) -> None:
 
 
 class _PrefixFinder:
-    """Import finder of modules in a prefix, such as modules that a package installs as data files."""
+    """Import finder for modules that are in a prefix, such as modules that a package installs as data files."""
 
     def __init__(self, prefix: Path) -> None:
         self._places = [str(prefix / SITE_PACKAGES)]
@@ -126,7 +126,9 @@ def make_importable(place: Path, paths: Sequence[str]) -> None:
 
 
 def _workspace_folder(place: Path) -> Path:
-    """Return the path around which to find a workspace: `place`, or the current folder if in its workspace."""
+    """Return the path around which a workspace is searched: `place`, or the current folder if it is in the workspace of
+    `place`.
+    """
     here = Path.cwd()
     package = package_around(place)
     if package is None:  # the folder of a script may be large, and is not searched for packages
@@ -139,7 +141,10 @@ def _workspace_folder(place: Path) -> Path:
 
 
 def _program(words: Sequence[str], paths: Sequence[str], runs_setup: bool) -> tuple[Executable, Sequence[str]]:
-    """Return the executable that the words of a command line name, and its arguments. Raises `CommandError`."""
+    """Return the executable that the words of a command line name, and its arguments.
+
+    Raises `CommandError` if there is none.
+    """
     if not words:
         raise click_module().UsageError("expected a file, -m and a module, or a package and an executable")
     first, *rest = words

@@ -1,4 +1,4 @@
-"""``bag record``: its options, which equal the options of ``ros2 bag record``."""
+"""Command ``bag record`` and its options, which equal the options of ``ros2 bag record``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _names(of: str, *names: str, help: str) -> Callable[[F], F]:
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """Options of ``bag record``."""
+    """Options of the command ``bag record``."""
 
     topics: Sequence[str]
     more_topics: Sequence[str]

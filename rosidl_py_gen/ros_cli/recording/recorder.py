@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 
 
 _DEPTH = 1000
-"""Depth of the queue of a subscription: number of messages that may arrive while the process is busy."""
+"""Depth of a subscription's queue: number of messages that may arrive while the process is busy without being dropped.
+"""
 _PROGRESS_INTERVAL_S = 0.5
 _MISSING = {
     "topic": "{}",
@@ -53,7 +54,10 @@ _MISSING = {
 
 
 class Recorder:
-    """Recorder that subscribes to the selected topics, with the given QoS, or with the QoS that publishers offer."""
+    """Recorder of the selected topics.
+
+    It subscribes with the QoS given by the user, or with the QoS that publishers offer.
+    """
 
     def __init__(
         self,
@@ -92,7 +96,7 @@ class Recorder:
         self.set_paused(not self.is_paused)
 
     def split(self) -> None:
-        """Continue the bag in a new file, or print a note if the bag is a single file."""
+        """Continue the bag in a new file; print a note if the bag is a single file."""
         if not self._writer.split():
             self._note(f"{self._writer.path} is one file; only a folder can be split")
 

@@ -20,13 +20,16 @@ if TYPE_CHECKING:
 
 
 def owner_of(topic: str, type_name: str) -> TopicOwner:
-    """Return the service or action that a topic belongs to, or else the topic itself."""
+    """Return the owner of a topic: the service or action that it belongs to, or else the topic itself."""
     kind, name, _ = topic_owner(topic, type_name)
     return TopicOwner(kind, name)
 
 
 class Selection:
-    """Topics that options select; raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names."""
+    """Topics that the options of ``bag record`` select.
+
+    Raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names.
+    """
 
     def __init__(self, options: RecordOptions) -> None:
         topics = [*options.topics, *options.more_topics]
@@ -50,7 +53,7 @@ class Selection:
         self._hidden = options.hidden
 
     def takes(self, topic: str, type_name: str) -> bool:
-        """Return True if the options select a topic for recording."""
+        """Return True if the options select a topic, so that it is recorded."""
         if TopicOwner("topic", topic) in self.named:  # also if it belongs to a service or action
             return not self._is_excluded(TopicOwner("topic", topic), type_name)
         owner = owner_of(topic, type_name)

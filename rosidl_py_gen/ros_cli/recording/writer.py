@@ -69,9 +69,10 @@ class WriterThread:
         self._enqueued_bytes = 0  # memory of all enqueued messages
         self._written_bytes = 0  # memory of all written messages; changed by the thread
         self.bytes = self.messages = 0
-        """Size and number of enqueued messages; in snapshot mode, only of messages in snapshots."""
+        """Size in bytes and number of enqueued messages; in snapshot mode, only of messages in snapshots."""
         self.dropped = 0
-        """Number of dropped messages: too many were waiting, or one alone is larger than a snapshot."""
+        """Number of messages that were dropped because too many were waiting, or because one message was larger than a
+        snapshot."""
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="bag writer", daemon=True)
         self._thread.start()

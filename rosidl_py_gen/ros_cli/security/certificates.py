@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     PrivateKey: TypeAlias = "ec.EllipticCurvePrivateKey | rsa.RSAPrivateKey"
 
 CA_NAME = "sros2CA"
-"""Common name of the certificate authority, as in keystores of ROS."""
+"""Common name of the certificate authority in a keystore, as in keystores of ROS."""
 VALIDITY = timedelta(days=3650)
 _MARGIN = timedelta(days=1)
-"""Time before its creation from which a certificate is valid, for peers whose clock is behind."""
+"""Time before the creation of a certificate from which it is valid, because the clock of a peer may be behind."""
 
 
 def new_key() -> ec.EllipticCurvePrivateKey:
@@ -79,7 +79,7 @@ def _certificate(
 
 
 def load_key(path: Path) -> PrivateKey:
-    """Return the private key in a PEM file; raises `CommandError`, whose text has nothing of the contents."""
+    """Return the private key in a PEM file; raises `CommandError`, whose text contains nothing of the file."""
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), None)
     except TypeError:

@@ -24,7 +24,7 @@ _root = click.argument("root", metavar="ROOT", type=click.Path(file_okay=False, 
 
 
 def _domain_id() -> int:
-    """Return the domain that permissions are made for: ``ROS_DOMAIN_ID``, else 0. Raises `EnvironmentSettingError`."""
+    """Return the domain for which permissions are made: ``ROS_DOMAIN_ID``, else 0. Raises `EnvironmentSettingError`."""
     from rosidl_py_gen.runtime import read_environment
 
     return read_environment({"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "")}).domain_id
@@ -38,7 +38,7 @@ def _keystore(root: Path) -> Keystore:
 
 @contextmanager
 def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
-    """Yield a complete keystore that no other command changes; print a note if its governance lacks the domain."""
+    """Lock a complete keystore against other commands and yield it; print a note if its governance lacks the domain."""
     from rosidl_py_gen.ros_cli.security import key_files
 
     keystore = _keystore(root)
@@ -126,7 +126,7 @@ def _print_enclaves(keystore: Keystore, names: Sequence[str], as_json: bool) -> 
 def create_permission(root: Path, name: str, policy_file: str, as_json: bool) -> None:
     """Sign permissions for an enclave, made from a policy.
 
-    The permissions are for the domain ROS_DOMAIN_ID, and replace those of the enclave.
+    The permissions are for the domain ROS_DOMAIN_ID, and replace its present permissions.
 
     \b
     rosidl-py security create_permission keystore /talker policy.xml
@@ -199,7 +199,10 @@ def generate_artifacts(root: Path | None, enclaves: Sequence[str], policy_files:
 
 
 def _wanted_enclaves(names: Sequence[str], policy_files: Sequence[str]) -> dict[str, PolicyEnclave]:
-    """Return rules by enclave: of the policy files, and for other enclaves in `names` rules that allow everything."""
+    """Return policy rules by enclave, from the policy files.
+
+    For other enclaves in `names`, the rules allow everything.
+    """
     from rosidl_py_gen.ros_cli.security.policy import check_enclave_name, read_policy, wildcard_enclave
 
     for name in names:

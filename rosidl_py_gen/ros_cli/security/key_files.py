@@ -1,4 +1,4 @@
-"""Files of a keystore: written completely or not at all, private ones with mode 0600 from the beginning.
+"""Writing of the files of a keystore: completely or not at all, private files with mode 0600 from the beginning.
 
 A symbolic link in the place of a file is replaced, never followed.
 """
@@ -72,7 +72,10 @@ def is_readable_by_others(path: Path) -> bool:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a keystore, for which other commands wait; without effect if locks are not supported."""
+    """Hold the lock of a keystore in the block, so that other commands wait.
+
+    Has no effect if locks are not supported.
+    """
     try:
         import fcntl
     except ImportError:  # Windows

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
 _NOT_RULES = re.compile(r"<(validity|domains)>.*?</\1>", re.DOTALL)
-"""Pattern of the parts of permissions that may differ although the rules are equal."""
+"""Regular expression for the parts of a permissions file that may differ although the rules are equal."""
 _LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
 _ENCLAVE_FILES = ("key.pem", "cert.pem", "permissions.xml", "permissions.p7s", "governance.p7s", *_LINKED_CERTIFICATES)
 
@@ -110,7 +110,9 @@ class Keystore:
         self._require_trusted(*files, is_folder=False)
 
     def _require_own_enclave(self, name: str) -> None:
-        """Raise `CommandError` if another user may have created or changed an enclave or a folder above it."""
+        """Raise `CommandError` if another user may have created or changed the folder of an enclave, or a folder above
+        it.
+        """
         folder = self.enclave_folder(name)
         above = [one for one in folder.parents if one.is_relative_to(self.enclaves)]
         self._require_trusted(*reversed(above), folder)
@@ -133,7 +135,7 @@ class Keystore:
         self._require_trusted(os.path.realpath(folder) if folder == self.root else folder)
 
     def _close(self, folder: Path) -> None:
-        """Remove the permissions of other users on a folder."""
+        """Remove the access permissions of other users to a folder."""
         if os.name != "nt" and folder.stat().st_mode & 0o077:
             folder.chmod(folder_trust.PRIVATE)
 
@@ -304,7 +306,7 @@ class Keystore:
         return folder / "permissions.xml"
 
     def _have_changed(self, path: Path, text: str) -> bool:
-        """Return True if a file of permissions exists and has other rules than the new text."""
+        """Return True if a file of permissions exists and has other rules than a new text."""
         try:
             former = path.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError:

@@ -51,7 +51,8 @@ def governance_xml(domain_id: int) -> str:
 
 
 def permissions_xml(enclave: PolicyEnclave, domain_id: int, not_before: datetime, not_after: datetime) -> str:
-    """Return the permissions of an enclave as XML; the first rule that names a topic decides, and denials precede.
+    """Return the permissions of an enclave as XML, with denials first, because the first rule that names a topic
+    decides.
 
     The permissions are valid as long as the certificate of the enclave: from `not_before` to `not_after`, in UTC.
     """
@@ -100,7 +101,9 @@ def _rule(tag: str, domain_id: int, published: list[str], subscribed: list[str])
 
 
 def _topics(rules: Sequence[PolicyRule], qualifier: str) -> tuple[list[str], list[str]]:
-    """Return the DDS topics to publish on, and to subscribe to, that rules allow or deny (`qualifier`)."""
+    """Return the DDS topics to publish on, and the DDS topics to subscribe to, that rules allow or deny
+    (`qualifier`).
+    """
     published: list[list[str]] = []
     subscribed: list[list[str]] = []
     for rule in rules:
@@ -112,12 +115,12 @@ def _topics(rules: Sequence[PolicyRule], qualifier: str) -> tuple[list[str], lis
 
 
 def _merged(groups: list[list[str]]) -> list[str]:
-    """Return the topics of groups without repetition; groups are sorted by their first topics, as in SROS2."""
+    """Return the topics of several groups without repetition; groups are sorted by their first topics, as in SROS2."""
     return [*dict.fromkeys(topic for group in sorted(groups, key=lambda one: one[0]) for topic in group)]
 
 
 def _directions(rule: PolicyRule, attribute: str) -> tuple[list[str], list[str]]:
-    """Return the DDS topics to publish on, and to subscribe to, that an attribute of a rule is about."""
+    """Return the DDS topics to publish on, and the DDS topics to subscribe to, for one attribute of a policy rule."""
     if rule.kind == "topics":
         topics = [f"rt{name}" for name in rule.names]
         return (topics, []) if attribute == "publish" else ([], topics)

@@ -1,4 +1,4 @@
-"""Policies: which topics, services and actions the nodes of each enclave may use.
+"""Policies, which state the topics, services and actions that the nodes of each enclave may use.
 
 The elements follow version 0.2.0 of the policy schema of SROS2.
 Source: https://design.ros2.org/articles/ros2_access_control_policies.html
@@ -34,9 +34,10 @@ _NAMES = frozenset(tag for tag, _ in RULES.values())
 _CLARK_NAME = re.compile(r"\{([^}]*)\}(.*)", re.DOTALL)
 _XML = "http://www.w3.org/XML/1998/namespace"
 _IGNORED = re.compile(r"\{http://www\.w3\.org/(XML/1998/namespace|2001/XMLSchema-instance)\}\w+")
-"""Pattern of ignored attributes, which XInclude or editors add: ``xml:base``, ``xsi:schemaLocation``."""
+"""Regular expression for attributes that are ignored because XInclude or editors add them: ``xml:base``,
+``xsi:schemaLocation``."""
 _EXPRESSION = re.compile(r"(~(?=/|\Z))?[A-Za-z0-9_/*?!\[\]-]*")
-"""Pattern of a name with wildcards of fnmatch. ``~`` at the beginning is the name of the node."""
+"""Regular expression for a name with wildcards of fnmatch. ``~`` at the beginning is the name of the node."""
 _NAMESPACE = re.compile(r"/[A-Za-z0-9_/*?!\[\]-]*")
 _NODE = re.compile(r"[A-Za-z0-9_*?!\[\]-]+")
 
@@ -73,7 +74,7 @@ class PolicyEnclave:
 
 @dataclass(frozen=True, slots=True)
 class SecurityPolicy:
-    """A valid policy: its enclaves by name, and its tree of elements."""
+    """Valid security policy: its enclaves by name, and its tree of XML elements."""
 
     enclaves: dict[str, PolicyEnclave]
     root: XmlElement
@@ -212,7 +213,10 @@ class _Validator:
                 self._report(element, f"<{element.tag}> has the attribute {name}; expected {expected}")
 
     def _children(self, element: XmlElement, *tags: str, at_least_one: bool = False) -> list[XmlElement]:
-        """Return the child elements with these tags, and report all others; without `tags`, no child is permitted."""
+        """Return the child elements with these tags, and report all other children as problems.
+
+        Without `tags`, none is permitted.
+        """
         found = []
         for child in element.elements:
             if child.tag in tags:
@@ -242,7 +246,7 @@ def policy_text(root: XmlElement) -> str:
 
 
 def xml_text(root: XmlElement, *, is_sorted: bool = False) -> str:
-    """Return the XML of an element, a line for each tag; `is_sorted` sorts children as in a policy."""
+    """Return the XML text of an element, with a line for each tag; `is_sorted` sorts children as in a policy."""
     return "\n".join(_lines(root, "", "", is_sorted=is_sorted)) + "\n"
 
 
@@ -280,7 +284,9 @@ def _attributes(element: XmlElement) -> Iterable[str]:
 
 
 def _sorted(children: list[XmlElement]) -> list[XmlElement]:
-    """Sort child elements as `ros2 security generate_policy` does, comments first, without repeated names."""
+    """Sort the child elements of a policy as `ros2 security generate_policy` does, comments first, without repeated
+    names.
+    """
 
     def key(child: XmlElement) -> tuple[str, ...]:
         if child.tag == COMMENT:

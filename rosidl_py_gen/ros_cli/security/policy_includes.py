@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _MAX_INCLUDES = 1000
-"""Maximum number of ``xi:include`` elements; the standard includes of a ROS node are 4 for each profile."""
+"""Maximum number of ``xi:include`` elements in a policy; the standard includes of a ROS node are 4 for each profile."""
 _MAX_ELEMENTS = 100_000
-"""Maximum number of elements after includes, about 2000 nodes with 50 topics each."""
+"""Maximum number of elements of a policy after includes, which is about 2000 nodes with 50 topics each."""
 _MAX_INCLUDE_DEPTH = 16
 _INCLUDE = re.compile(r"\{http://www\.w3\.org/200[13]/XInclude\}(\w+)")
 _XPOINTER = re.compile(r"xpointer\(\s*((?:/(?:[A-Za-z_][\w.-]*|\*))+)\s*\)")
@@ -57,7 +57,10 @@ class _Includes:
             self._count(child)
 
     def _expand(self, element: XmlElement, folder: str, open_files: tuple[str, ...]) -> None:
-        """Replace includes inside an element by their elements; each of `open_files` includes the next file."""
+        """Replace the include elements inside an element by the included elements.
+
+        Each file in `open_files` includes the next one.
+        """
         children: list[XmlElement] = []
         for child in element.children:
             if match := _INCLUDE.fullmatch(child.tag):

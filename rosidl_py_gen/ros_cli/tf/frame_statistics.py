@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 TOPICS = {"/tf": False, "/tf_static": True}
 _DEPTH = 100
 _MAX_LEVELS = 40
-"""Maximum number of levels of the tree for which `walk` returns marks, so that long chains need little memory."""
+"""Maximum number of tree levels for which `walk` returns values, so that long chains of frames need little memory."""
 
 
 @dataclass
@@ -124,7 +124,9 @@ class FrameStatistics:
         return sorted({frame.parent for frame in self.frames.values()} - self.frames.keys())
 
     def walk(self) -> Iterator[tuple[str, FrameArrivals | None, tuple[bool, ...]]]:
-        """Yield each frame after its parent: name, statistics, and per level True if it is the last child there."""
+        """Yield each frame after its parent: name, statistics, and for each level True if the frame on it is the last
+        child there.
+        """
         children = self.children()
         todo: list[tuple[str, FrameArrivals | None, tuple[bool, ...]]] = [
             (root, None, ()) for root in reversed(self.roots())
@@ -164,7 +166,9 @@ class FrameStatistics:
 
 
 def listeners(node: Node, frames: FrameStatistics, then: Callable[[int], None] = lambda arrived_ns: None) -> list[Any]:
-    """Return coroutines that add received transforms to `frames` without end, and call `then` after each message."""
+    """Return coroutines that add received transforms to `frames` until they are cancelled, and call `then` after each
+    message.
+    """
     cls: Any = get_message("tf2_msgs/msg/TFMessage")
 
     async def listen(topic: str, qos: QoSProfile, static: bool) -> None:

@@ -92,7 +92,7 @@ async def _report(
 
 
 def _selected_frames(statistics: FrameStatistics, path: Sequence[str]) -> tuple[list[FrameArrivals], str]:
-    """Return the frames to print, and the reason if there are none, else ""."""
+    """Return the frames to print; if there are none, also a text with the reason, else ""."""
     from rosidl_py_gen.tf import TransformError
 
     if not path:

@@ -1,4 +1,4 @@
-"""Frames as a PNG picture: a row for each level, each frame above the middle of its children."""
+"""Picture of frames as a PNG file: a row for each level of the tree, each frame above the middle of its children."""
 
 from __future__ import annotations
 
@@ -75,7 +75,10 @@ def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
 
 
 def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any) -> list[_FrameBox]:
-    """Return the boxes of all frames in trees, with their positions, parents first."""
+    """Return the boxes of all frames of some trees, with their positions.
+
+    A parent's box precedes the boxes of its children.
+    """
     boxes: dict[str, _FrameBox] = {}
     for name, frame, _ in frames.walk():
         parent = None if frame is None else boxes[frame.parent]

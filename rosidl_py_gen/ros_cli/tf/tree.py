@@ -116,7 +116,10 @@ def _problems(frames: FrameStatistics) -> Iterator[str]:
 
 
 def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:
-    """Return a Mermaid flowchart of the frames from top to bottom, with the summary of a frame at the arrow to it."""
+    """Return a Mermaid flowchart of the frames from top to bottom.
+
+    The arrow to a frame has the summary of its transforms.
+    """
     every = sorted({*frames.frames, *(frame.parent for frame in frames.frames.values())})
     ids = {name: f"f{number}" for number, name in enumerate(every)}
     out = ["flowchart TD"]
@@ -129,6 +132,6 @@ def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:
 
 
 def document(frames: FrameStatistics, names: dict[Any, str]) -> dict[str, Any]:
-    """Return the names of roots, and the statistics of all other frames, for JSON."""
+    """Return a value for JSON output: the names of the root frames, and the statistics of all other frames."""
     rows = [frame.row(names) for frame in sorted(frames.frames.values(), key=lambda one: one.name)]
     return {"roots": frames.roots(), "frames": rows}

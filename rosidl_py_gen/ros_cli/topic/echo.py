@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _LOST_NOTE_INTERVAL_S = 1.0
 _EARLY = 0.25
-"""Fraction of the period of ``--max-rate`` by which a message may be printed early."""
+"""Fraction of the period of ``--max-rate`` by which a message may be printed before it is due."""
 
 
 @click.command("echo", cls=options.MultiValueCommand)
@@ -148,7 +148,7 @@ async def echo(
 
 
 async def _full_name(command_node: CommandNode, topic: str, type_name: str | None, timeout_s: float | None) -> str:
-    """Wait until the topic is found, or with `type_name` only for discovery, and return the full name."""
+    """Wait until the topic is found, or with `type_name` only until discovery is complete, and return the full name."""
     from rosidl_py_gen.ros_cli.name_lookup import full_name
 
     if type_name is None:
@@ -159,7 +159,7 @@ async def _full_name(command_node: CommandNode, topic: str, type_name: str | Non
 
 
 class _LostNotes:
-    """Notes about messages that were lost, because they arrived faster than they were printed."""
+    """Printer of notes about lost messages, which arrived faster than they were printed."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._total, self._noted_s, self._now_s = 0, 0.0, now_s
@@ -172,7 +172,7 @@ class _LostNotes:
 
 
 def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[[Message], Any]:
-    """Return a function for the part of a message to print: all, the value of one path, or values by path."""
+    """Return a function that selects what is printed of a message: all, the value of one path, or values by path."""
     from rosidl_py_gen.base.fieldtype import Arity
     from rosidl_py_gen.ros_cli.message_expressions import compile_path
     from rosidl_py_gen.ros_cli.message_text import array_summary

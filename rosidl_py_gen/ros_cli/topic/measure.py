@@ -35,7 +35,7 @@ _Value = Callable[[Any], "int | None"]
 
 @dataclass(frozen=True, slots=True)
 class _TopicMeter:
-    """Subscription and statistics of one topic; messages for which `value` returns None do not count."""
+    """Subscription to one topic with its statistics; messages for which `value` returns None do not count."""
 
     topic: str
     subscription: Subscription[Any]
@@ -170,7 +170,9 @@ def _is_narrow() -> bool:
 async def _value_extractor(
     command_node: CommandNode, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
 ) -> tuple[type[Message] | None, _Value]:
-    """Return the class to decode messages with (None: use bytes), and a function for the value that is measured."""
+    """Return the class with which messages are decoded (None: use bytes), and a function for the value that is
+    measured.
+    """
     from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 

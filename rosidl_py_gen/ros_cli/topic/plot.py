@@ -154,7 +154,7 @@ async def _plot_live(
 
 
 def _finish(panels: Sequence[Any], axis: TimeAxis, out: str | None, is_text: bool) -> None:
-    """Write the plot to the file `out`, or print the last plot; print a note for each topic without messages."""
+    """Write the plot to the file `out`, or print it a last time; print a note for each topic without messages."""
     filled = [panel for panel in panels if panel.count]
     for panel in panels:
         if not panel.count:

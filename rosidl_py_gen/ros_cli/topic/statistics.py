@@ -47,9 +47,10 @@ class TopicStatistics:
         self._last_ns, self._is_new = received_ns, True
 
     def report(self) -> dict[str, float] | None:
-        """Return the statistics; None if no message arrived since the last report, or too few did.
+        """Return the statistics since the last report.
 
-        The bandwidth decreases after the last message, and needs two messages.
+        Returns None if no message arrived since then, or too few for statistics. The bandwidth decreases after the last
+        message, and needs two messages.
         """
         is_new, self._is_new = self._is_new, False
         if self._kind == "bw":
@@ -84,7 +85,7 @@ def report_text(report: dict[str, Any]) -> str:
 
 
 def report_row(report: dict[str, Any]) -> list[str]:
-    """Return a report as the columns of a table; all sizes have one unit."""
+    """Return a report as the columns of a table, in which all sizes have the same unit."""
     first, *values = report.values()
     if "bytes_per_s" not in report:
         minimum, maximum, std_dev, window = values

@@ -1,4 +1,6 @@
-"""Search for packages and their files: installed in a prefix of AMENT_PREFIX_PATH, or as sources in the workspace."""
+"""Functions that find packages and their files: packages installed in a prefix of AMENT_PREFIX_PATH, and sources in the
+workspace.
+"""
 
 from ament_index_python.constants import RESOURCE_INDEX_SUBFOLDER
 from ament_index_python.packages import (

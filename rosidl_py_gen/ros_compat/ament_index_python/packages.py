@@ -1,4 +1,4 @@
-"""Functions that return the folders of packages."""
+"""Functions that return the prefix, share folder and list of packages."""
 
 import os
 import re
@@ -16,7 +16,10 @@ class PackageNotFoundError(KeyError):
 
 
 def get_packages_with_prefixes() -> dict[str, str]:
-    """Return package name -> prefix; the prefix of a package that is not installed is its source folder."""
+    """Return a dict from package name to prefix.
+
+    For a package that is not installed, the value is its source folder.
+    """
     return get_resources("packages")
 
 

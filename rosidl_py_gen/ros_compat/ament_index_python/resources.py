@@ -1,4 +1,4 @@
-"""Resource index of installed packages.
+"""Functions that read the resource index of installed packages.
 
 Packages that are not installed have two resources here: their existence and their interfaces. The prefix of such a
 package is its source folder.
@@ -17,7 +17,7 @@ _PACKAGES = "packages"
 _INTERFACES = "rosidl_interfaces"
 _RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
 _SOURCES = ""
-"""Placeholder in the list of prefixes for the packages that are not installed."""
+"""Placeholder in a list of prefixes that stands for all packages which are not installed."""
 
 
 class InvalidResourceTypeNameError(ValueError):
@@ -47,7 +47,7 @@ def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
 
 
 def get_resources(resource_type: str) -> dict[str, str]:
-    """Return resource name -> prefix, for all resources of a type.
+    """Return a dict from resource name to prefix, for all resources of a type.
 
     Raises:
         InvalidResourceTypeNameError: the name of the type has a path separator.
@@ -65,7 +65,7 @@ def get_resources(resource_type: str) -> dict[str, str]:
 
 
 def get_resource_types() -> set[str]:
-    """Return the names of all types of resources."""
+    """Return the names of all types of resources that the index contains."""
     types = {
         name
         for prefix in filter(None, _prefixes())
@@ -123,7 +123,9 @@ def _list_names(folder: str) -> list[str]:
 
 
 def _source_resources(resource_type: str) -> dict[str, tuple[str, str]]:
-    """Return resource name -> (source folder, content), for packages that are not installed."""
+    """Return the resources of packages that are not installed: a dict from resource name to source folder
+    and content.
+    """
     if resource_type not in (_PACKAGES, _INTERFACES):
         return {}
     packages = found_packages().values()

@@ -6,7 +6,7 @@ from ament_index_python.constants import AMENT_PREFIX_PATH_ENV_VAR
 
 
 def get_search_paths() -> list[str]:
-    """Return the existing folders among AMENT_PREFIX_PATH.
+    """Return the folders in AMENT_PREFIX_PATH that exist.
 
     Raises:
         EnvironmentError: the variable is not set or empty; packages of a workspace are found nevertheless.

@@ -37,12 +37,12 @@ class CvBridgeError(TypeError):
 
 
 class CvBridge:
-    """Converter of images. Arrays have the order of colours of OpenCV: blue, green, red.
+    """Converter between image messages and arrays. Arrays have the order of colours of OpenCV: blue, green, red.
 
     Attributes:
-        cvtype_to_name: type numbers of OpenCV -> names of types, such as 8UC3.
-        cvdepth_to_numpy_depth: depth numbers of OpenCV -> names of dtypes.
-        numpy_type_to_cvtype: names of dtypes -> OpenCV's names of depths, and back.
+        cvtype_to_name: dict from type number of OpenCV to the name of the type, such as 8UC3.
+        cvdepth_to_numpy_depth: dict from depth number of OpenCV to the name of the dtype.
+        numpy_type_to_cvtype: dict from the name of a dtype to OpenCV's name of the depth, and back.
     """
 
     def __init__(self) -> None:
@@ -158,7 +158,7 @@ def _array(cvim: Any) -> Pixels:
 
 
 def _native_encoding(pixels: Pixels) -> str | None:
-    """Return the encoding that OpenCV assumes for pixels."""
+    """Return the encoding that OpenCV assumes for an array of pixels, from its dtype and number of channels."""
     order, bits = _CHANNEL_ORDERS.get(pixels.shape[2] if pixels.ndim == 3 else 1), _BITS.get(pixels.dtype.name)
     return f"{order}{bits}" if order and bits else None
 

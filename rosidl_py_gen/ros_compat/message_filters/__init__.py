@@ -1,4 +1,5 @@
-"""Synchronization of messages of several topics by their stamps, and a cache, with `rosidl_py_gen.message_filters`.
+"""Filters that synchronize messages of several topics by their stamps, and a cache, based on
+`rosidl_py_gen.message_filters`.
 
 The callback of a subscription passes each message on, so all callbacks run in the thread that spins.
 """
@@ -23,7 +24,7 @@ _HEADERLESS_WARNING = (
 
 
 class SimpleFilter:
-    """Base of filters: calls registered callbacks with each output of the filter.
+    """Base class of filters, which calls registered callbacks with each output of the filter.
 
     Attributes:
         callbacks: callbacks with their additional arguments, by the number that `registerCallback` returned.
@@ -33,7 +34,10 @@ class SimpleFilter:
         self.callbacks: dict[int, tuple[Callable[..., object], tuple[Any, ...]]] = {}
 
     def registerCallback(self, cb: Callable[..., object], *args: Any) -> int:
-        """Call `cb` with each output of the filter, followed by `args`; return the number of the registration."""
+        """Register the function `cb`, which is called with each output of the filter, followed by `args`.
+
+        Returns the number of the registration.
+        """
         number = len(self.callbacks)
         self.callbacks[number] = cb, args
         return number
@@ -124,7 +128,10 @@ class Cache(SimpleFilter):
         return self.cache_times[0] if self.cache_times else None
 
     def getLast(self) -> Any:
-        """Return the first stored message that is not older than the last one; None without messages."""
+        """Return the first stored message whose stamp is not lower than the stamp of the last stored message.
+
+        Returns None without messages.
+        """
         latest = self.getLastestTime()
         return None if latest is None else self.getElemAfterTime(latest)
 
@@ -160,7 +167,7 @@ class TimeSynchronizer(SimpleFilter):
         self.signalMessage(*messages)
 
     def add(self, msg: Any, my_queue_index: int) -> None:
-        """Add a message of the input filter with an index."""
+        """Process a message as if the input filter with this index had passed it on."""
         self._rosidl_synchronizer.add(my_queue_index, msg)
 
 
@@ -197,7 +204,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
 
 
 class _Stamped:
-    """Message with the stamp by which it is synchronized."""
+    """Message together with the stamp by which it is synchronized."""
 
     def __init__(self, message: Any, stamp: Time) -> None:
         self.message = message
@@ -206,9 +213,9 @@ class _Stamped:
 
 
 def _find_stamp(message: Any, allow_headerless: bool, logger: str, preposition: str) -> Time | None:
-    """Return the stamp of a message, or the current time for a message without stamp, if that is allowed.
+    """Return the stamp of a message.
 
-    Otherwise log a warning and return None.
+    For a message without stamp, return the current time if that is allowed; otherwise log a warning and return None.
     """
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is not None:

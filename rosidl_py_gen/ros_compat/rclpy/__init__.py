@@ -24,10 +24,10 @@ _executor_lock = threading.RLock()
 
 
 class InitContextManager:
-    """Result of `init` since Kilted; used as a context manager, it shuts the context down at the end of the block.
+    """Result of `init` since Kilted: a context manager that shuts the context down at the end of the block.
 
-    As `context=` of a node, the object stands for the context that `init` opened, because programs for Jazzy pass the
-    None that `init` returns there.
+    Programs written for Jazzy pass the result of `init`, there None, as `context=` to a node. The object therefore also
+    stands for the context that `init` opened.
     """
 
     def __init__(self, context: Context, explicit_context: Context | None, has_handlers: bool) -> None:

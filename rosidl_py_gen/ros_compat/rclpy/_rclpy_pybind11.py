@@ -1,4 +1,4 @@
-"""Names of rclpy's C extension that programs use (exceptions, enums, logging), all of them written in Python."""
+"""Exceptions, enums and logging functions that programs use from rclpy's C extension, all of them written in Python."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class RMWError(RuntimeError):
 
 
 class ScopedEnumOfC(Enum):
-    """Base of enumerations of C++: members convert to integers, but do not equal them."""
+    """Base of enumerations that are scoped enums in C++: members convert to integers, but do not equal them."""
 
     value: int
 
@@ -68,7 +68,9 @@ class ScopedEnumOfC(Enum):
 
 
 class EnumOfC(ScopedEnumOfC):
-    """Base of enumerations of C: members equal their numbers, and thus members of an `IntEnum`."""
+    """Base of enumerations that are enums in C: members equal their numbers, and therefore members of an `IntEnum` with
+    these numbers.
+    """
 
     def __eq__(self, other: object) -> bool:
         return self is other if isinstance(other, Enum) and not isinstance(other, int) else self.value == other
@@ -87,7 +89,10 @@ class ClockType(EnumOfC):
 
 
 class ClockChange(EnumOfC):
-    """Change of the source of a clock's time, passed to callbacks; `rclpy.clock.ClockChange` has the same numbers."""
+    """Change of the source of a clock's time, which jump callbacks receive.
+
+    `rclpy.clock.ClockChange` has the same numbers.
+    """
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2

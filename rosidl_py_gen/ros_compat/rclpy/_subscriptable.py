@@ -1,4 +1,4 @@
-"""Base of classes that annotations may write with type arguments, such as ``Publisher[String]``."""
+"""Base class of classes whose annotations may have type arguments, such as ``Publisher[String]``."""
 
 from types import GenericAlias
 from typing import Any

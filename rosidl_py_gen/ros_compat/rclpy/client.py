@@ -56,7 +56,7 @@ class BaseClient(Subscriptable, ServiceEntity[runtime.Client[Any, Any]]):
         """Return True if a server is connected.
 
         Raises:
-            rosidl_py_gen.runtime.IncompatibleServiceError: all servers are servers that this middleware cannot call.
+            rosidl_py_gen.runtime.IncompatibleServiceError: servers exist, but this middleware can call none of them.
             RCLError: the context was shut down.
         """
         with self.handle.in_use() as client:
@@ -103,7 +103,10 @@ class Client(BaseClient):
         return future.result()
 
     def _rosidl_wait_for(self, event: threading.Event, timeout_sec: float | None) -> bool:
-        """Wait for an event; log a warning if a callback waits too long in the only thread that can set the event."""
+        """Wait until an event is set.
+
+        Log a warning if a callback waits too long in the only thread that could set the event.
+        """
         if timeout_sec is not None and timeout_sec <= _WARNING_AFTER_S:
             return event.wait(timeout_sec)
         if event.wait(_WARNING_AFTER_S):

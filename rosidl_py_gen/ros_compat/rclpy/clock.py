@@ -131,12 +131,12 @@ def _to_runtime(duration: Duration | None) -> runtime.Duration | None:
 
 
 def _reraise(_activity: str) -> None:
-    """Raise the exception of a jump callback again where the time was changed, as rclpy does."""
+    """Raise the exception of a jump callback in the code that changed the time, as rclpy does."""
     raise
 
 
 class ClockHandle(Destroyable):
-    """Handle with the clock of rosidl_py_gen that a `Clock` reads."""
+    """Handle with the clock of rosidl_py_gen.runtime that a `Clock` reads."""
 
     def __init__(self, clock_type: AnyClockType) -> None:
         super().__init__()
@@ -204,7 +204,8 @@ class BaseClock:
         pre_callback: JumpHandlePreCallbackType | None = None,
         post_callback: Callable[[TimeJump], Any] | None = None,
     ) -> JumpHandle:
-        """Call `pre_callback()` before and `post_callback(jump)` after each jump that the threshold selects.
+        """Register functions for jumps that the threshold selects: `pre_callback()` is called before,
+        `post_callback(jump)` after a jump.
 
         Both callbacks run in the thread that changes the time, until the returned handle is unregistered.
 
@@ -314,7 +315,7 @@ class Clock(BaseClock):
 
 
 def _do_nothing(clock: Clock, *args: object, **kwargs: object) -> None:
-    """Initialize nothing: `Clock.__new__` has opened the clock; a subclass may pass other arguments."""
+    """Do nothing, because `Clock.__new__` has initialized the clock; a subclass may pass other arguments."""
 
 
 Clock.__init__ = _do_nothing  # type: ignore[method-assign, assignment]

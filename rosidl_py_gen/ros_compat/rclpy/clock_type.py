@@ -1,4 +1,4 @@
-"""Types of clocks."""
+"""Types of clocks, as in rclpy: `ClockType`."""
 
 from enum import IntEnum
 

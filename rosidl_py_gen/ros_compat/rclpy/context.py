@@ -1,4 +1,4 @@
-"""Contexts, which are open from `rclpy.init` to `rclpy.shutdown`."""
+"""Contexts, which are open from `rclpy.init` to `rclpy.shutdown`: the class `Context`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _open_contexts: set[ContextHandle] = set()
 
 
 class Context:
-    """Membership in a domain, from `init` to `shutdown`; it cannot be opened again.
+    """Membership of a process in a domain, from `init` to `shutdown`; it cannot be opened again.
 
     Example:
         >>> with Context() as context:  # doctest: +SKIP
@@ -38,7 +38,7 @@ class Context:
 
     @property
     def handle(self) -> ContextHandle | None:
-        """Handle of the runtime's context; None before `init`."""
+        """Handle of the context of rosidl_py_gen.runtime; None before `init`."""
         return self._rosidl_context
 
     def destroy(self) -> None:

@@ -1,4 +1,4 @@
-"""Durations."""
+"""Durations in nanoseconds: `Duration`, and `Infinite` for QoS profiles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rclpy.constants import S_TO_NS
 
 
 class DurationType(Protocol):
-    """Class of the result of `Duration.get_c_duration`."""
+    """Class that stands for the C structure of a duration, returned by `Duration.get_c_duration`."""
 
     @property
     def nanoseconds(self) -> int: ...
@@ -25,7 +25,7 @@ class _Ordered:
     _rosidl_nanoseconds: int
 
     def _rosidl_comparable_ns(self, other: object) -> int | None:
-        """Return the nanoseconds of a value to compare with, None for values of other classes; may raise TypeError."""
+        """Return the nanoseconds of a value for a comparison; None for values of other classes. May raise TypeError."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:

@@ -1,6 +1,7 @@
-"""Search for the ready entities of nodes, and their execution: take one item, and call the callback with it.
+"""Functions that find the ready entities of nodes and execute them: take one item, and call the callback with it.
 
-The search runs for each message, before and after an executor waits, so endpoints without an arrival are skipped.
+The search runs for each message, before and after an executor waits, so endpoints at which nothing has arrived are
+skipped.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ def find_ready_entities(
         can_execute: returns True if the callback of an entity may run now.
 
     Returns:
-        entities with their nodes; seconds until the next timer is due, None if no timer will be due without another
-            event; True if there are waitables.
+        Three values: the entities with their nodes; the seconds until the next timer is due, or None if no timer will
+            be due without another event; True if there are waitables.
     """
     ready: ReadyEntities = []
     min_wait_s: float | None = None
@@ -91,10 +92,10 @@ def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], boo
 
 
 def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Coroutine[Any, Any, None] | None:
-    """Take an item from a ready entity, and call the entity's callback with it.
+    """Take an item, such as a message, from a ready entity, and call the entity's callback with it.
 
     Returns:
-        coroutine that awaits an async callback, which occupies its callback group; None if the callback has ended.
+        A coroutine that awaits an async callback, which occupies its callback group; None if the callback has ended.
     """
     group = entity.callback_group
     if is_shutdown or not group.beginning_execution(entity):

@@ -1,4 +1,6 @@
-"""Events of publishers and subscriptions, and the waitables that call the program's functions for the events."""
+"""Events of publishers and subscriptions, such as missed deadlines, and the waitables that call the program's functions
+for them.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,7 @@ IncompatibleTypeInfo = runtime.IncompatibleStatus
 
 
 class EventHandle(Destroyable):
-    """Queue of events of one kind that an endpoint has reported, and that were not taken yet."""
+    """Queue of the events of one kind that an endpoint has reported and no executor has taken yet."""
 
     def __init__(self, items: deque[Any]) -> None:
         super().__init__()
@@ -143,7 +145,10 @@ class QoSEventHandler(EventHandler):
 
 
 class _EventCallbacks:
-    """Base of the callbacks for events of an endpoint; the fields of subclasses are the runtime's names of events."""
+    """Base class of the callbacks for events of an endpoint.
+
+    The fields of subclasses have the event names of rosidl_py_gen.runtime.
+    """
 
     _ROSIDL_EVENT_TYPES: dict[str, EnumOfC]
     _ROSIDL_QOS_WARNING: str
@@ -154,7 +159,8 @@ class _EventCallbacks:
         return {name: getattr(self, name) for name in self._ROSIDL_EVENT_TYPES if getattr(self, name) is not None}
 
     def rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
-        """Return a queue for each requested kind of event (rcl's number), and the runtime's callbacks that fill them.
+        """Return queues for the events that the program has requested, by rcl's event number, and callbacks that fill
+        the queues.
 
         The callbacks are None if no event is requested.
         """
@@ -184,7 +190,10 @@ class _EventCallbacks:
         ]
 
     def _rosidl_default_callbacks(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
-        """Return the default callbacks, by name of the event, which log incompatible peers; empty if switched off."""
+        """Return the default callbacks by event name, which log incompatible peers.
+
+        The result is empty if default callbacks are switched off.
+        """
         if not self.use_default_callbacks:
             return {}
         logger = get_logger(impl.logger_name)
@@ -228,7 +237,10 @@ class SubscriptionEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """Return a waitable for each callback, also for the default callbacks if `use_default_callbacks` is set."""
+        """Return a waitable for each callback of the program.
+
+        With `use_default_callbacks`, the default callbacks get waitables, too.
+        """
         return self._rosidl_handlers(callback_group, subscription, topic_name)
 
 
@@ -258,5 +270,8 @@ class PublisherEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """Return a waitable for each callback, also for the default callbacks if `use_default_callbacks` is set."""
+        """Return a waitable for each callback of the program.
+
+        With `use_default_callbacks`, the default callbacks get waitables, too.
+        """
         return self._rosidl_handlers(callback_group, publisher, topic_name)

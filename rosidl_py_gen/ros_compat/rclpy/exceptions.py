@@ -1,4 +1,4 @@
-"""Exceptions of rclpy; the exceptions that its C extension raises are in `rclpy._rclpy_pybind11`."""
+"""Exceptions of rclpy, except for those that its C extension raises, which are in `rclpy._rclpy_pybind11`."""
 
 from __future__ import annotations
 

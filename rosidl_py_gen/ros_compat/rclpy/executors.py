@@ -45,7 +45,7 @@ _Take = Callable[[Any], _Execution | None]
 
 
 async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
-    """Call a function, and await the result if the function is async.
+    """Call a function; if it is async, await the result, and return the result.
 
     Programs replace this function to see the calls of callbacks; executors use the replacement.
     """
@@ -84,7 +84,7 @@ class TimeoutObject:
 
 _Timeout = float | TimeoutObject | None
 _SELECTOR_RESOLUTION_S = 0.001
-"""Shortest wait of a selector, which counts whole milliseconds; shorter waits are divided into short sleeps."""
+"""Resolution of a selector's timeout, which counts whole milliseconds; a shorter wait is divided into short sleeps."""
 _SHORT_SLEEP_S = 0.0005
 
 
@@ -256,8 +256,7 @@ class Executor:
     def rosidl_replaced_take(self, entity: Any) -> _Take | None:
         """Return the method ``_take_...`` for an entity, if the program has replaced that method or `await_or_execute`.
 
-        Otherwise return None: without the method, execution needs no coroutine, which saves a tenth of the time of a
-        callback.
+        Otherwise return None. Execution then needs no coroutine, which saves a tenth of the time of a callback.
         """
         name = entity.rosidl_take_method
         take: _Take = getattr(self, name)
@@ -439,7 +438,7 @@ _WAIT_FOR_READY_CALLBACKS = Executor.wait_for_ready_callbacks
 
 
 def _calls(callback: Callable[..., Any] | None, *args: Any) -> _Execution | None:
-    """Return a coroutine function that calls a callback through `await_or_execute`; None for None."""
+    """Return a coroutine function that calls a callback by `await_or_execute`; None if the callback is None."""
     if callback is None:
         return None
 

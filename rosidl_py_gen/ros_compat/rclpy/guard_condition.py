@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class GuardConditionHandle(Destroyable):
-    """Handle of a guard condition, which records triggers."""
+    """Handle of a guard condition, which remembers that the condition was triggered."""
 
     def __init__(self, context: ContextHandle) -> None:
         super().__init__()

@@ -1,6 +1,7 @@
-"""Handles of the runtime's contexts, nodes and endpoints: they count uses, and close the object after the last use.
+"""Handles of contexts, nodes and endpoints of rosidl_py_gen.runtime.
 
-``with handle`` prevents other threads from closing the object, and raises InvalidHandle after its destruction.
+A handle counts uses, and closes the object after the last use. ``with handle`` prevents other threads from closing the
+object, and raises InvalidHandle after its destruction.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Any)
-"""Type of the endpoint, node or context of the runtime that a handle closes."""
+"""Type variable for the endpoint, node or context that a handle closes."""
 _DESTROYED_TEXT = "cannot use Destroyable because destruction was requested"
 
 
@@ -94,7 +95,7 @@ def denied_as_rcl_error() -> Iterator[None]:
 
 
 class ContextHandle(Destroyable):
-    """Handle of a context of the runtime, with the event loop that spinning threads run."""
+    """Handle of a context of rosidl_py_gen.runtime, with the event loop that spinning threads run."""
 
     def __init__(self, args: list[str], domain_id: int | None) -> None:
         super().__init__()
@@ -107,9 +108,10 @@ class ContextHandle(Destroyable):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.change_token: object = None
-        """Object that is replaced after each change for which an executor may wait."""
+        """Object that is replaced by a new object at each change for which an executor may wait, so that a change can
+        be noticed."""
         self._topic_handles: set[weakref.ref[Handle[Any]]] = set()
-        """Publishers and subscriptions whose own callbacks, if any, report incompatible peers."""
+        """Publishers and subscriptions whose own event callbacks, if they have any, report incompatible peers."""
         self.runtime.on_incompatible_endpoint = self._on_incompatible_endpoint
         self.creation_lock = threading.RLock()
         """Lock for creating and counting endpoints.
@@ -164,7 +166,7 @@ class ContextHandle(Destroyable):
             raise RCLError("failed to shutdown: rcl_shutdown already called on the given context")
 
     def close(self) -> None:
-        """Leave the domain; may be called twice."""
+        """Leave the domain and close the event loop; may be called twice."""
         with self._lock:
             if self._is_closed:
                 return
@@ -177,7 +179,10 @@ class ContextHandle(Destroyable):
         self.close()
 
     def start_loop_thread(self) -> None:
-        """Run the event loop in a thread until `stop_loop_thread` was called as often; executors may run it, too."""
+        """Run the event loop in a thread until `stop_loop_thread` has been called as often as this method.
+
+        Executors may run it, too.
+        """
         with self._loop_users_lock:
             self._loop_users += 1
             if self._loop_users == 1:
@@ -204,7 +209,7 @@ class ContextHandle(Destroyable):
 
 
 class Handle(Destroyable, Generic[C]):
-    """Handle of an endpoint or node of the runtime.
+    """Handle of an endpoint or node of rosidl_py_gen.runtime.
 
     If the handle is deleted without being destroyed, the event loop closes the endpoint.
 
@@ -319,7 +324,10 @@ class Handle(Destroyable, Generic[C]):
 
 
 def _weak_notifier(handle: Handle[Any]) -> Callable[[], None]:
-    """Return a function that an endpoint calls after an arrival; the function does not keep the handle alive."""
+    """Return a function that an endpoint calls after an arrival.
+
+    The function refers to the handle weakly, so the handle can be deleted.
+    """
     reference = weakref.ref(handle)
 
     def notify() -> None:

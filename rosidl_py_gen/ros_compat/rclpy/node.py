@@ -73,7 +73,7 @@ _ACTION_TYPE_SUFFIX = "_FeedbackMessage"
 
 
 def _actions_of_topics(topics: _NamesAndTypes) -> _NamesAndTypes:
-    """Return the actions whose feedback topics are among the given topics."""
+    """Return the actions whose feedback topics are among the given topics, with their types."""
     return [
         (
             name.removesuffix(_ACTION_TOPIC_SUFFIX),
@@ -85,7 +85,7 @@ def _actions_of_topics(topics: _NamesAndTypes) -> _NamesAndTypes:
 
 
 def _forget_entity(node: weakref.ref[Node], kind: str, entity: Any) -> None:
-    """Remove an entity that the program itself has destroyed from the lists of its node."""
+    """Remove an entity from the lists of its node, because the program itself has destroyed the entity."""
     if (owner := node()) is not None:
         owner._rosidl_forget(entity, kind)
 
@@ -279,7 +279,8 @@ class BaseNode(NodeParameters):
         create: Callable[..., Any],
         min_depth: int = 0,
     ) -> Handle[Any]:
-        """Check the arguments of a publisher or subscription, and return the handle of the endpoint from `create`.
+        """Check the arguments of a publisher or subscription, call `create`, and return the handle of the created
+        endpoint.
 
         Parameters may override the QoS profile. Without callbacks, the runtime logs incompatible peers. The endpoint
         retains at least `min_depth` messages.
@@ -610,7 +611,9 @@ class Node(BaseNode):
         return entity
 
     def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
-        """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
+        """Return two lists of a kind of entities: the node's own, and the one that the program has stored in rclpy's
+        attribute instead.
+        """
         own_list, program_list = self.rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
         if isinstance(program_list, list) and program_list is not own_list:
             return [own_list, program_list]
@@ -804,7 +807,10 @@ class Node(BaseNode):
         self._rosidl_wake_executor()
 
     def _rosidl_forget(self, entity: Any, kind: str) -> bool:
-        """Remove an entity from the node's lists; return False if it is not, or no longer, of this node."""
+        """Remove an entity from the node's lists.
+
+        Returns False if the entity does not belong to the node, or no longer.
+        """
         own_list, *other_lists = self._rosidl_lists_of_kind(kind)
         if entity not in own_list:
             return False
@@ -828,7 +834,10 @@ class Node(BaseNode):
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
-        """Destroy a publisher when its current uses end; return False if it is not, or no longer, of this node."""
+        """Destroy a publisher when its current uses end.
+
+        Returns False if it does not belong to this node, or no longer.
+        """
         return self._rosidl_destroy(publisher, "publishers")
 
     def destroy_subscription(self, subscription: Subscription) -> bool:

@@ -49,7 +49,8 @@ _NAME_ONLY = (
 class NodeParameters:
     """Parameters of a node and their callbacks, as in rclpy.
 
-    The runtime's node reads command lines and files, and declares only the values that it finds there.
+    The underlying node of rosidl_py_gen.runtime reads command lines and files, and declares only the values that it
+    finds there.
     """
 
     PARAM_REL_TOL = rules.RELATIVE_TOLERANCE
@@ -66,7 +67,10 @@ class NodeParameters:
     def _rosidl_init_parameters(
         self, program_overrides: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool
     ) -> None:
-        """Read the initial values, and declare them if `declare`; those in `program_overrides` take precedence."""
+        """Read the initial values of parameters, and declare these parameters if `declare` is True.
+
+        Values in `program_overrides` take precedence.
+        """
         self._rosidl_values: dict[str, Parameter] = {}
         self._rosidl_descriptors: dict[str, Any] = {}
         self._rosidl_pre_set: list[PreSetCallback] = []
@@ -210,7 +214,10 @@ class NodeParameters:
         return Parameter(name) if alternative_value is None else alternative_value
 
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """Return name without prefix -> parameter, for all parameters below a prefix; an empty prefix returns all."""
+        """Return all parameters below a prefix, as a dict from name without prefix to parameter.
+
+        An empty prefix returns all.
+        """
         start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ""
         return {name[len(start) :]: value for name, value in self._rosidl_values.items() if name.startswith(start)}
 
@@ -324,7 +331,10 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
     def _rosidl_refusal_reason(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
-        """Return the reason why a descriptor refuses a value, or "". A dynamic descriptor gets the value's type."""
+        """Return the reason why a parameter's descriptor refuses a value; "" if it accepts the value.
+
+        A descriptor with dynamic typing gets the type of the value.
+        """
         name, value, type_ = parameter.name, parameter.value, parameter.type_
         descriptor.name = name
         if check_read_only and descriptor.read_only:
@@ -461,9 +471,10 @@ def _read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) 
 
 
 def _to_rclpy_value(value: Any) -> Any:
-    """Return an initial value of the runtime as rclpy has it: arrays as lists, bytes as a list of single bytes.
+    """Return an initial parameter value in the form that rclpy uses: arrays as lists, bytes as a list of single bytes.
 
-    An empty list of a file is bytes in the runtime, which gives it the declared type; in rclpy it is NOT_SET.
+    An empty list in a parameter file is bytes in rosidl_py_gen.runtime, which gives it the declared type; in rclpy it
+    is NOT_SET.
     """
     if value == b"":
         return None

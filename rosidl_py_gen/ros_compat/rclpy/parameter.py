@@ -116,10 +116,11 @@ class Parameter(Subscriptable):
 
 
 _CLASSES: dict[str, type] = {"BYTE": bytes, "BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str}
-"""Name of a type without ``_ARRAY`` -> class of the value or of all elements. The first match counts."""
+"""Python classes of parameter values by name of the type without ``_ARRAY``, also for all elements of an array. The
+first match counts."""
 
 _VALUE_FIELDS = {type_.value: f"{type_.name.lower()}_value" for type_ in Parameter.Type if type_.value}
-"""Number of a type -> field of rcl_interfaces/ParameterValue with the value."""
+"""Fields of rcl_interfaces/ParameterValue by the number of the type whose value they contain."""
 
 
 def get_parameter_value(string_value: str) -> Any:
@@ -160,7 +161,7 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
 def parameter_dict_from_yaml_file(
     parameter_file: str, use_wildcard: bool = False, target_nodes: list[str] | None = None, namespace: str = ""
 ) -> dict[str, Any]:
-    """Read a parameter file; return name -> rcl_interfaces/Parameter.
+    """Read a parameter file; return a dict from parameter name to rcl_interfaces/Parameter.
 
     Args:
         parameter_file: path of the file.

@@ -133,7 +133,7 @@ class AsyncParameterClient:
         qos_overriding_options: QoSOverridingOptions | None = None,
         raw: bool = False,
     ) -> Subscription:
-        """Call a function for each rcl_interfaces/ParameterEvent message of any node."""
+        """Register a function that is called with each rcl_interfaces/ParameterEvent message of any node."""
         return self.node.create_subscription(
             ParameterEvent,
             "/parameter_events",

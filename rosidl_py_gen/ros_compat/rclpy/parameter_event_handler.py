@@ -137,7 +137,10 @@ class ParameterEventHandler:
     def add_parameter_callback(
         self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
     ) -> ParameterCallbackHandle:
-        """Call a function with a new or changed rcl_interfaces/Parameter; the node name "" means this node."""
+        """Register a function that is called with each new value of a parameter, as rcl_interfaces/Parameter.
+
+        The node name "" means this node.
+        """
         return self._callbacks.add_parameter_callback(parameter_name, self._resolve_path(node_name), callback)
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
@@ -145,7 +148,7 @@ class ParameterEventHandler:
         self._callbacks.remove_parameter_callback(handle)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
-        """Call a function with each rcl_interfaces/ParameterEvent of any node."""
+        """Register a function that is called with each rcl_interfaces/ParameterEvent of any node."""
         return self._callbacks.add_parameter_event_callback(callback)
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:

@@ -28,7 +28,10 @@ _T = TypeVar("_T")
 
 
 class ParameterService:
-    """Parameter services of a node. If one requested name is unknown, the whole response is empty."""
+    """Parameter services of a node, with which other nodes list, read and set parameters.
+
+    If one of the requested names is unknown, the response contains no values at all.
+    """
 
     def __init__(self, node: BaseNode) -> None:
         self._node_weak_ref = weakref.ref(node)

@@ -1,4 +1,4 @@
-"""Publishers."""
+"""Publishers of topics: the class `Publisher`, and the base class that it shares with asyncio nodes."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class QoSPolicyEnum(IntEnum):
 
 
 class _OldName:
-    """Descriptor for a deprecated name of a policy's value; reading the name warns."""
+    """Descriptor for the deprecated name of a policy's value; reading the attribute emits a warning."""
 
     def __init__(self, old: str, new: str) -> None:
         self._old, self._new = old, new
@@ -71,7 +71,10 @@ def _with_old_names(prefix: str, *names: str, **others: str) -> Callable[[type[_
 
 @_with_old_names("RMW_QOS_POLICY_HISTORY_", "SYSTEM_DEFAULT", "KEEP_LAST", "KEEP_ALL", "UNKNOWN")
 class HistoryPolicy(QoSPolicyEnum):
-    """QoS policy: store the last messages (KEEP_LAST) or all of them; with the numbers of rmw."""
+    """QoS policy that selects the messages to store: the last messages (KEEP_LAST) or all.
+
+    Numbers are the numbers of rmw.
+    """
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -81,7 +84,7 @@ class HistoryPolicy(QoSPolicyEnum):
 
 @_with_old_names("RMW_QOS_POLICY_RELIABILITY_", "SYSTEM_DEFAULT", "RELIABLE", "BEST_EFFORT", "UNKNOWN")
 class ReliabilityPolicy(QoSPolicyEnum):
-    """QoS policy: send lost messages again or not; with the numbers of rmw."""
+    """QoS policy that decides if lost messages are sent again. Numbers are the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -92,7 +95,10 @@ class ReliabilityPolicy(QoSPolicyEnum):
 
 @_with_old_names("RMW_QOS_POLICY_DURABILITY_", "SYSTEM_DEFAULT", "TRANSIENT_LOCAL", "VOLATILE", "UNKNOWN")
 class DurabilityPolicy(QoSPolicyEnum):
-    """QoS policy: send earlier messages to late subscriptions or not; with the numbers of rmw."""
+    """QoS policy that decides if subscriptions that join late receive earlier messages.
+
+    Numbers are the numbers of rmw.
+    """
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -109,7 +115,7 @@ class DurabilityPolicy(QoSPolicyEnum):
     RMW_QOS_POLICY_DURABILITY_UNKNOWN="UNKNOWN",  # as in rclpy, by mistake
 )
 class LivelinessPolicy(QoSPolicyEnum):
-    """QoS policy: how a publisher proves that it is alive; with the numbers of rmw."""
+    """QoS policy that decides how a publisher proves that it is alive. Numbers are the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -125,7 +131,7 @@ QoSLivelinessPolicy = LivelinessPolicy
 
 
 class _RuntimeProfile(runtime.QoSProfile):
-    """QoS profile of the runtime that can be converted back to the arguments of `QoSProfile`."""
+    """QoS profile of rosidl_py_gen.runtime that can be converted back to the arguments of `QoSProfile`."""
 
     __slots__ = ()
 
@@ -145,7 +151,7 @@ _DEFAULTS: dict[str, Any] = {
     "liveliness_lease_duration": Duration(),
     "avoid_ros_namespace_conventions": False,
 }
-"""Field of a QoS profile -> default of rmw; `history` precedes `depth`, whose setter reads it."""
+"""Defaults of rmw by field of a QoS profile. `history` precedes `depth`, because the setter of `depth` reads it."""
 
 
 class QoSProfile:
@@ -215,7 +221,7 @@ class QoSProfile:
 
     @classmethod
     def rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
-        """Convert a QoS profile of the runtime, without a warning for depth 0."""
+        """Convert a QoS profile of rosidl_py_gen.runtime to a `QoSProfile`, without a warning for depth 0."""
         values = {}
         for policy in presets.POLICIES:
             value = getattr(profile, policy.field)

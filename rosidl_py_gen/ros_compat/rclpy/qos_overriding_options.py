@@ -36,7 +36,7 @@ QosCallbackResult = SetParametersResult
 QosCallbackType = Callable[[QoSProfile], Any]
 """Type of a function that takes a QoS profile and returns a result with `successful` and `reason`."""
 QoSProfileAttributes = HistoryPolicy | int | ReliabilityPolicy | DurabilityPolicy | LivelinessPolicy | Duration | bool
-"""Type of the values of QoS policies."""
+"""Type alias for the values of QoS policies."""
 
 
 class InvalidQosOverridesError(Exception):

@@ -1,4 +1,4 @@
-"""Services."""
+"""Servers of services: the class `Service`, and the base class that it shares with asyncio nodes."""
 
 from __future__ import annotations
 

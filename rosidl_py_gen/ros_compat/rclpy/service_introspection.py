@@ -1,4 +1,6 @@
-"""States of service introspection: off, metadata, contents."""
+"""States of service introspection, which decide what a service publishes about its requests: nothing, metadata, or
+contents.
+"""
 
 from rclpy._rclpy_pybind11 import EnumOfC
 

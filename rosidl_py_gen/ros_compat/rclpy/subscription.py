@@ -1,4 +1,4 @@
-"""Subscriptions."""
+"""Subscriptions of topics: the class `Subscription`, and the base class that it shares with asyncio nodes."""
 
 from __future__ import annotations
 

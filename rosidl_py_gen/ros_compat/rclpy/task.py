@@ -1,4 +1,4 @@
-"""Futures and tasks that executors run; they are rclpy's, not asyncio's."""
+"""Futures and tasks of rclpy, which executors run; they differ from the futures and tasks of asyncio."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _last_awaited = threading.local()
-"""Storage of each thread; its `future` is the future that a coroutine of the thread awaited last."""
+"""Thread-local storage; its `future` is the future that a coroutine of the thread awaited last."""
 
 
 class FutureState(Enum):
@@ -222,7 +222,10 @@ class Task(Future[T]):
         self._handler, self._args, self._kwargs = None, (), {}
 
     def _rosidl_store_awaited_future(self, awaited: Future[Any] | None) -> None:
-        """Store the future that the coroutine awaits; without one the coroutine is resumed at each pass."""
+        """Store the future that the coroutine awaits.
+
+        Without such a future, the executor resumes the coroutine at each pass.
+        """
         executor = self._executor()
         if awaited is not None and executor is not None:
             self._rosidl_awaited_future = awaited
@@ -244,4 +247,4 @@ class Task(Future[T]):
 
 
 def _no_executor() -> None:
-    """Return None, as a dead weak reference does."""
+    """Return None, like a weak reference whose object was deleted; used for futures without executor."""

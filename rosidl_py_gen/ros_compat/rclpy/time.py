@@ -1,4 +1,4 @@
-"""Points in time."""
+"""Points in time of a clock: the class `Time`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TYPES_OF_C = {type_: ClockTypeOfC(type_) for type_ in ClockType}
 
 
 class TimeHandle(Protocol):
-    """Handle of a time that a clock returned."""
+    """Handle with the nanoseconds and the clock type of a time that a clock returned."""
 
     @property
     def nanoseconds(self) -> int: ...

@@ -1,4 +1,4 @@
-"""Timers and rates."""
+"""Timers, which call a function periodically, and rates, which pace a loop."""
 
 from __future__ import annotations
 

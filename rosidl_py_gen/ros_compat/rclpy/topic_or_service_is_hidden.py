@@ -1,4 +1,4 @@
-"""Hidden names, which tools do not list."""
+"""Check for hidden names of topics and services, which tools do not list by default."""
 
 HIDDEN_TOPIC_PREFIX = "_"
 

@@ -1,4 +1,4 @@
-"""Type hashes that endpoints announce."""
+"""Type hashes that endpoints announce: the class `TypeHash`."""
 
 from typing import TypedDict
 

@@ -37,9 +37,9 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 
 
 def explicit_context(context: Context | InitContextManager | None) -> Context | None:
-    """Return the context that an argument `context` selects; None for the default context.
+    """Return the context that an argument `context` selects; None if it selects the default context.
 
-    The result of ``rclpy.init()`` selects the default context, because it is None until Jazzy.
+    The result of ``rclpy.init()`` selects the default context, too, because `init` returned None until Jazzy.
     """
     if context is None or isinstance(context, Context):
         return context

@@ -55,7 +55,7 @@ class NumberOfEntities:
 
 
 class WaitSet:
-    """Handles that waitables add, and the result of the check whether each of them is ready."""
+    """Set of the handles that waitables have added, which is asked after a wait if each of them is ready."""
 
     def __init__(self) -> None:
         self._handles: dict[str, list[Any]] = {}
@@ -67,7 +67,8 @@ class WaitSet:
         return len(handles) - 1
 
     add_subscription = partialmethod(_add, "subscription")
-    """Add a handle, and return its index for `is_ready`; the methods below do the same for other kinds."""
+    """Add a handle to the wait set, and return its index for `is_ready`. Methods for the other kinds of handles do the
+    same."""
     add_guard_condition = partialmethod(_add, "guard_condition")
     add_timer = partialmethod(_add, "timer")
     add_client = partialmethod(_add, "client")
@@ -85,7 +86,7 @@ class WaitSet:
         return self._ready[key]
 
     def get_ready_entities(self, entity_type: str) -> list[int]:
-        """Return the number `pointer` of each ready handle of a kind."""
+        """Return the numbers (`pointer`) that identify the ready handles of a kind."""
         handles = self._handles.get(entity_type, [])
         return [handle.pointer for index, handle in enumerate(handles) if self.is_ready(entity_type, index)]
 
@@ -94,7 +95,8 @@ class Waitable(Subscriptable):
     """Base class of objects that an executor waits for and executes."""
 
     rosidl_queue: Collection[Any] | None = None
-    """Queue for arrivals: while it is empty, the waitable is not ready, and `is_ready` is not called; or None."""
+    """Queue of arrivals of the waitable. While the queue is empty, the waitable is not ready and `is_ready` is not
+    called. None without a queue."""
 
     rosidl_take_method = "_take_waitable"
 
@@ -121,7 +123,7 @@ class Waitable(Subscriptable):
         return execute
 
     def add_future(self, future: Future[Any]) -> None:
-        """Make the executor of the waitable call the done callbacks of a future."""
+        """Make the waitable's executor call the done callbacks of a future."""
         self._futures.append(future)
 
     def remove_future(self, future: Future[Any]) -> None:

@@ -50,7 +50,9 @@ _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 
 
 class Annotations(TypedDict, total=False):
-    """Comment lines of a field, constant or message, and the unit that they contain in brackets."""
+    """Comments of a field, constant or message as a dict: the comment lines, and the unit that they contain in
+    brackets.
+    """
 
     comment: list[str]
     unit: str
@@ -192,7 +194,7 @@ class BaseType:
 
 
 class Type(BaseType):
-    """Type of a field, which may be an array or a sequence.
+    """Type of a field: a single value, an array or a sequence.
 
     Attributes:
         is_array: True for an array or a sequence.
@@ -266,7 +268,7 @@ def _positive(text: str, problem: str) -> int:
 
 
 class Constant:
-    """Constant of a message.
+    """Constant in the definition of a message.
 
     Attributes:
         type: name of the primitive type.
@@ -309,7 +311,7 @@ class Constant:
 
 
 class Field:
-    """Field of a message.
+    """Field in the definition of a message.
 
     Attributes:
         type: `Type` of the field.
@@ -581,9 +583,9 @@ def extract_file_level_comments(message_string: str) -> tuple[list[str], list[st
 
 
 def process_comments(instance: MessageSpecification | Field | Constant) -> None:
-    """Move the unit from the comment of an element to its annotations, and tidy the comment.
+    """Move the unit from the comment of a field or constant to its annotations, and tidy the comment.
 
-    The lines are dedented, and blank lines that separate nothing are dropped.
+    The lines are dedented, and blank lines are dropped at both ends and after other blank lines.
     """
     if "comment" not in instance.annotations:
         return

@@ -14,7 +14,7 @@ from rosidl_parser import definition
 
 
 class _Dumper(yaml.Dumper):
-    """YAML dumper that retains the order of fields."""
+    """YAML dumper that keeps fields in the order of the message definition."""
 
 
 _Dumper.add_representer(
@@ -28,7 +28,7 @@ _Dumper.add_representer(
 
 @dataclass(frozen=True)
 class _Limits:
-    """Options that shorten the values of a message.
+    """Options that shorten the values of a message when it is converted to text.
 
     Attributes:
         length: maximum number of elements or characters; None: unlimited.
@@ -79,7 +79,7 @@ def message_to_csv(msg: Any, *, truncate_length: int | None = None, no_arr: bool
 
 
 def get_message_slot_types(msg: Any) -> OrderedDict[str, Any]:
-    """Return field name -> type of the field, an object of `rosidl_parser`."""
+    """Return a dict from field name to the type of the field, which is an object of `rosidl_parser`."""
     return OrderedDict(zip(msg.get_fields_and_field_types(), msg.SLOT_TYPES, strict=True))
 
 

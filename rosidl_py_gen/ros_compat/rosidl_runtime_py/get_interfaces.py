@@ -11,12 +11,12 @@ _RESOURCE = "rosidl_interfaces"
 
 
 def get_interface_packages() -> dict[str, str]:
-    """Return package name -> prefix, for all packages with interfaces."""
+    """Return a dict from package name to prefix, for all packages with interfaces."""
     return get_resources(_RESOURCE)
 
 
 def get_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return package name -> names of interfaces such as ``msg/String``; by default for all packages.
+    """Return a dict from package name to names of interfaces such as ``msg/String``; by default for all packages.
 
     Raises:
         LookupError: a package does not exist.
@@ -25,17 +25,17 @@ def get_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
 
 
 def get_message_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return package name -> names of messages such as ``msg/String``; by default for all packages."""
+    """Return a dict from package name to names of messages such as ``msg/String``; by default for all packages."""
     return _interfaces_of_kind(package_names, "msg/", (".idl", ".msg"))
 
 
 def get_service_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return package name -> names of services such as ``srv/Trigger``; by default for all packages."""
+    """Return a dict from package name to names of services such as ``srv/Trigger``; by default for all packages."""
     return _interfaces_of_kind(package_names, "srv/", (".idl", ".srv"))
 
 
 def get_action_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return package name -> names of actions such as ``action/Fibonacci``; by default for all packages."""
+    """Return a dict from package name to names of actions such as ``action/Fibonacci``; by default for all packages."""
     return _interfaces_of_kind(package_names, "action/", (".idl", ".action"))
 
 

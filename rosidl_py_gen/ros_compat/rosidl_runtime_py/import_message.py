@@ -1,4 +1,4 @@
-"""Import of message classes, given by the types in `SLOT_TYPES`."""
+"""Function that imports the message class for a type in `SLOT_TYPES`."""
 
 import importlib
 import warnings

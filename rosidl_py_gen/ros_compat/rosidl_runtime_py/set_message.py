@@ -23,8 +23,8 @@ def set_message_fields(
     """Set the fields of a message, and of nested messages, to the values in a dict.
 
     Args:
-        msg: message.
-        values: field name -> value; a dict for a nested message.
+        msg: message to change.
+        values: dict from field name to value; the value is a dict for a nested message.
         expand_header_auto: accept the value ``auto`` for a Header, whose stamp the caller sets later.
         expand_time_now: accept the value ``now`` for a Time, which the caller sets later.
 

@@ -35,7 +35,7 @@ _DATATYPES: dict[int, np.dtype[Any]] = {
     10: np.dtype(np.uint64),
     11: np.dtype(np.bool_),
 }
-"""Datatype number of a PointField -> numpy type; the last three are datatypes of PCL and Lyrical."""
+"""Numpy types by the datatype number of a PointField; the last three are datatypes of PCL and Lyrical."""
 _IS_BIG_ENDIAN = sys.byteorder == "big"
 
 

@@ -28,7 +28,7 @@ T = TypeVar("T", bound=Any)
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """Return the argument, which is a message already."""
+    """Return the message unchanged; registered as conversion to a message, for types that are messages already."""
     return msg
 
 
@@ -90,7 +90,9 @@ def _transform(message: T, transform: TransformStamped) -> T:
 
 
 def _to_transform(stamped: TransformStamped) -> _tf.Transform:
-    """Return the transform of `rosidl_py_gen.tf` for a TransformStamped, for objects without a frame."""
+    """Return a TransformStamped message as a `Transform` of `rosidl_py_gen.tf` that can be applied to objects without a
+    frame.
+    """
     move, rotation = stamped.transform.translation, _quaternion_or_identity(stamped.transform.rotation)
     return _tf.Transform(stamped.header.frame_id, "", 0, np.array((move.x, move.y, move.z)), rotation)
 

@@ -28,7 +28,7 @@ __all__ = [
 Triple = tuple[float, float, float]
 _NS_PER_S = 1_000_000_000
 _MIN_SPAN_NS = 100_000
-"""Minimum time span over which the rate of transforms is calculated."""
+"""Minimum time span in nanoseconds over which the rate of a frame's transforms is calculated."""
 _EARLIEST_TIME_S = 0.00001
 """Earliest time to look up, in seconds; not 0, because tf2 reads time 0 as "latest"."""
 
@@ -46,7 +46,7 @@ class LookupException(TransformException):
 
 
 class ExtrapolationException(TransformException):
-    """Raised if the frames are connected, but not at the requested time."""
+    """Raised if two frames are connected, but the transform at the requested time is not known."""
 
 
 class InvalidArgumentException(TransformException):
@@ -214,7 +214,7 @@ class BufferCore:
 
 
 def _check_lookup(look_up: Callable[[], object]) -> tuple[bool, str]:
-    """Call a function; return True and "" if it raises no TransformException, else False and the exception's text."""
+    """Call a lookup function; return True and "" if it succeeds, else False and the text of its TransformException."""
     try:
         look_up()
     except TransformException as error:
@@ -233,7 +233,10 @@ def _tf2_errors() -> Iterator[None]:
 
 
 def _error_text(error: tf.TransformError | tf.InvalidTransformError) -> str:
-    """Return the text for an exception of tf2; about extrapolation it begins as in tf2, because programs search it."""
+    """Return the error text for an exception of tf2.
+
+    Texts about extrapolation begin as in tf2, because programs search for these words.
+    """
     if not isinstance(error, tf.ExtrapolationError):
         return str(error)
     into = f" into the {error.direction}" if error.direction else ""
@@ -256,7 +259,7 @@ def _velocity(
     time_s: float,
     interval_s: float,
 ) -> tuple[Triple, Triple]:
-    """Return the linear and angular velocity of a frame in m/s and rad/s, calculated with the steps of tf2.
+    """Return the linear and angular velocity of a frame in m/s and rad/s, calculated in the same way as by tf2.
 
     Args:
         buffer: transforms.
@@ -286,7 +289,7 @@ def _velocity(
 
 
 def _rotation_vector(rotation: Any) -> Any:
-    """Return the axis times the angle of a rotation matrix; the angle exceeds half a turn if the angle of tf2 does."""
+    """Return the axis of a rotation matrix multiplied by its angle; as in tf2, the angle may exceed half a turn."""
     x, y, z, w = quaternion = matrix_to_quaternion(rotation)
     if np.trace(rotation) <= 0 and quaternion[np.argmax(np.diag(rotation))] < 0:
         x, y, z, w = -quaternion

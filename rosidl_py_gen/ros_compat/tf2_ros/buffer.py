@@ -47,7 +47,7 @@ class Buffer(BufferCore, BufferInterface):
         return FrameGraph.Response(frame_yaml=self.all_frames_as_yaml())
 
     def time_jump_callback(self, time_jump: TimeJump) -> None:
-        """Clear the buffer, because the clock has jumped back or changed its source; called by the clock."""
+        """Clear the buffer, because the clock has jumped back or changed its source of time; called by the clock."""
         get_logger("tf2_buffer").warning("Detected jump back in time. Clearing tf buffer.")
         self.clear()
 

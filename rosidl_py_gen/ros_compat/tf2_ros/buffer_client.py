@@ -29,7 +29,7 @@ from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 _DEFAULT_TIMEOUT_PADDING = Duration(seconds=2.0)
 _MAX_TEXT = 2000
-"""Maximum number of characters of a server's error text that an exception quotes; texts of tf2 have about 200."""
+"""Maximum characters of a buffer server's error text that an exception quotes; texts of tf2 have about 200."""
 _ERRORS = {
     TF2Error.LOOKUP_ERROR: LookupException,
     TF2Error.CONNECTIVITY_ERROR: ConnectivityException,
@@ -91,7 +91,7 @@ class BufferClient(BufferInterface):
         return self._rosidl_request(goal, timeout)
 
     def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> bool:
-        """Return True if `lookup_transform` succeeds."""
+        """Return True if `lookup_transform` with the same arguments would succeed."""
         return _check_lookup(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))[0]
 
     def can_transform_full(
@@ -103,7 +103,7 @@ class BufferClient(BufferInterface):
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> bool:
-        """Return True if `lookup_transform_full` succeeds."""
+        """Return True if `lookup_transform_full` with the same arguments would succeed."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         return _check_lookup(lambda: self.lookup_transform_full(*arguments, timeout))[0]
 

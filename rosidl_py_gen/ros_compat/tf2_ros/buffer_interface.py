@@ -24,7 +24,7 @@ class TypeException(Exception):
 
 
 class NotImplementedException(Exception):
-    """Raised when a buffer does not implement a lookup."""
+    """Raised when a subclass of `BufferInterface` does not implement a lookup."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,13 +78,16 @@ class BufferInterface:
 
 
 def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:
-    """Set the header of an object, and return the object."""
+    """Set the header of an object to a stamp and a frame, and return the object."""
     obj.header = Header(frame_id=frame_id, stamp=stamp)
     return obj
 
 
 class TransformRegistration:
-    """Shared table of the functions that transform objects: type -> function of an object and a TransformStamped."""
+    """Shared table of the functions that transform objects, by type.
+
+    Each function takes an object and a TransformStamped.
+    """
 
     _types: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
 

@@ -1,3 +1,3 @@
-"""Module of tf2_ros with the broadcaster of static transforms."""
+"""Module with tf2_ros's name for the broadcaster of static transforms, which `transform_broadcaster` defines."""
 
 from tf2_ros.transform_broadcaster import StaticTransformBroadcaster, TransformStamped

@@ -43,5 +43,5 @@ class StaticTransformBroadcaster:
 
 
 def _as_list(transform: Any) -> list[Any]:
-    """Return a list of transforms from one transform or several."""
+    """Return a list of transforms; the argument is one transform, or several."""
     return list(transform) if isinstance(transform, Iterable) else [transform]

@@ -14,7 +14,7 @@ from rosidl_py_gen.numpy import quaternion_to_matrix
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """Return the argument, which is a message already."""
+    """Return the message unchanged; registered as conversion to a message, for types that are messages already."""
     return msg
 
 

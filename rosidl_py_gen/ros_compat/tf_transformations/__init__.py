@@ -88,12 +88,15 @@ def reflection_from_matrix(matrix: Any) -> tuple[Any, Any]:
 
 
 def rotation_matrix(angle: float, direction: Any, point: Any = None) -> Any:
-    """Return the 4 x 4 matrix that turns by an angle about an axis, through a point."""
+    """Return the 4 x 4 matrix that rotates by an angle about an axis, which passes through a point."""
     return axangles.axangle2aff(direction, angle, point=point)
 
 
 def rotation_from_matrix(matrix: Any) -> tuple[float, Any, Any]:
-    """Return angle, axis and a point of the axis (4 numbers); raise ValueError if the matrix does not turn."""
+    """Return angle, axis and a point of the axis (4 numbers) of a rotation matrix.
+
+    Raise ValueError if it is not a rotation.
+    """
     direction, angle, point = axangles.aff2axangle(matrix)
     return angle, direction, point
 
@@ -145,7 +148,7 @@ def decompose_matrix(matrix: Any) -> tuple[Any, Any, tuple[float, float, float],
 def compose_matrix(
     scale: Any = None, shear: Any = None, angles: Any = None, translate: Any = None, perspective: Any = None
 ) -> Any:
-    """Return the 4 x 4 matrix that shears, scales, turns about x, y and z, and moves; `perspective` is ignored."""
+    """Return the 4 x 4 matrix that shears, scales, rotates about x, y and z, and moves; `perspective` is ignored."""
     return affines.compose(
         TRANSLATION_IDENTITY if translate is None else translate,
         ROTATION_IDENTITY if angles is None else euler.euler2mat(*angles),
@@ -155,9 +158,10 @@ def compose_matrix(
 
 
 def superimposition_matrix(v0: Any, v1: Any, scaling: bool = False, usesvd: bool = True) -> Any:
-    """Return the 4 x 4 matrix that turns and moves points onto others as nearly as possible; `scaling` also scales.
+    """Return the 4 x 4 matrix that rotates and moves points onto other points as nearly as possible.
 
-    Points are arrays of shape (3, n) or (4, n) with n at least 3; other shapes raise ValueError.
+    With `scaling` it also scales. Points are arrays of shape (3, n) or (4, n) with n at least 3; other shapes raise
+    ValueError.
     """
     return _gohlke.superimposition_matrix(_array(v0), _array(v1), scaling, usesvd)
 
@@ -204,7 +208,7 @@ def quaternion_multiply(quaternion1: Any, quaternion0: Any) -> _Quaternion:
 
 
 def quaternion_conjugate(quaternion: Any) -> Any:
-    """Return the inverse rotation of a quaternion of length 1."""
+    """Return the conjugate of a quaternion, which is the inverse rotation if its length is 1."""
     return _array(quaternion) * (-1.0, -1.0, -1.0, 1.0)
 
 
@@ -219,7 +223,10 @@ def random_quaternion(rand: Any = None) -> Any:
 
 
 class Arcball(_gohlke.Arcball):  # type: ignore[misc]
-    """Virtual trackball, with which a pointer turns objects; `initial` is a quaternion or a 4 x 4 matrix."""
+    """Virtual trackball, with which a pointer rotates objects.
+
+    The `initial` orientation is a quaternion or a 4 x 4 matrix.
+    """
 
     def __init__(self, initial: Any = None) -> None:
         if np.shape(initial) == (4,):

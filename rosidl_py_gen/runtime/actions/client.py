@@ -105,7 +105,9 @@ class ClientGoal(Generic[ActionT_co]):
             self._status = GoalStatus.ACCEPTED
 
     def _on_status(self, number: int) -> None:
-        """Record a status from the status topic, unless a later status is known: the topic may lag behind replies."""
+        """Record a status from the status topic, unless a later status is known, because the topic may lag behind
+        replies.
+        """
         status = STATUSES.get(number)
         if status is not None and status > self._status:
             self._status = status
@@ -117,7 +119,7 @@ class ClientGoal(Generic[ActionT_co]):
             self._waiters.wake()
 
     def _on_error(self, error: BaseException) -> None:
-        """Record that no result will arrive: tasks that wait for the result or feedback get the error."""
+        """Record that no result will arrive, and raise the error in tasks that wait for the result or feedback."""
         if not self.is_done:
             self._error = error
             self._feedback.close(error)
@@ -237,7 +239,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         self._servers: MatchCache[bool] = MatchCache(
             scope.participant.endpoint_index, topic_keys, lambda _: not self._missing()
         )
-        """True for the key None if a server is matched."""
+        """Cache with one entry, for the key None: True if a server is matched."""
         scope.register(self)
 
     def server_is_available(self) -> bool:

@@ -1,15 +1,14 @@
-"""User functions of an action server: decisions about goals and cancel requests, and the execution of goals.
+"""User functions of an action server, which decide about goals and cancel requests, and execute goals.
 
-A program that iterates over the requests decides without callbacks. A callback accepts with None, which functions
-without a return statement return, or with a true value. A callback that raises refuses. A goal request that the program
-drops without a decision is rejected with a warning, so that its client gets a reply and the server can accept other
-goals. A cancel request is refused at the latest when its goal ends.
+A program that iterates over the requests decides without callbacks. A callback accepts by returning None, as functions
+without a return statement do, or a true value. A callback that raises refuses. A goal request that the program drops
+without a decision is rejected with a warning, so that its client gets a reply and the server can accept other goals. A
+cancel request is refused at the latest when its goal ends.
 
-The execution waits until clients can receive feedback, then calls `execute` once for each goal. The value that
-`execute` returns is the result of its goal, also if `execute` has ended the goal without a result before. If `execute`
-raises, its own CancelledError included, or returns without a result, its goal ends as ABORTED. A plain function runs in
-a daemon thread of its own: any number of goals run at once, and a function that never returns does not keep the program
-alive.
+A goal is executed as soon as clients can receive feedback, by calling `execute` once. The value that `execute` returns
+is the result of its goal, also if `execute` has ended the goal without a result before. If `execute` raises, its own
+CancelledError included, or returns without a result, its goal ends as ABORTED. A plain function runs in a daemon thread
+of its own: any number of goals run at once, and a function that never returns does not keep the program alive.
 """
 
 from __future__ import annotations
@@ -146,7 +145,8 @@ class CancelRequest(Generic[ActionT_co]):
         self._reply = reply
 
     def accept(self) -> None:
-        """Accept: the goal becomes CANCELING, and its execute function ends it, for example with `goal.canceled`.
+        """Accept the request: the goal becomes CANCELING, and its execute function ends the goal, for example with
+        `goal.canceled`.
 
         A goal that has not started ends as CANCELED.
 
@@ -170,28 +170,31 @@ class CancelRequest(Generic[ActionT_co]):
 
 
 _MATCH_GRACE_S = 0.1
-"""Time for completely discovered client nodes to match their feedback subscription, before the first goal runs.
+"""Time in seconds for completely discovered client nodes to match their feedback subscription, before the first goal
+runs.
 
 Nodes need some milliseconds; a larger value delays the first goal of a client that never subscribes.
 """
 _DISCOVERY_TIMEOUT_S = 2.0
-"""Time for client nodes that are not completely discovered to match their feedback subscription.
+"""Time in seconds for client nodes that are not completely discovered to match their feedback subscription.
 
 Endpoints of Fast DDS may be discovered 1.2 s late (docs/internals/dds.md 6).
 """
 _FIRST_HEARTBEAT_S = 0.01
-"""Time for the first DDS heartbeat to a new reader, which arrives some milliseconds after the match.
+"""Time in seconds for the first DDS heartbeat to a new reader, which arrives some milliseconds after the match.
 
 Without this time the first feedback of every tenth new client was lost (measured).
 """
 
 
 class FeedbackReadiness:
-    """Check that all clients have matched the feedback topic, which the first goal after a change of clients awaits.
+    """Check that the feedback subscriptions of all clients are matched, for which the first goal after a change of
+    clients waits.
 
     A new client may be matched at the goal service before the feedback topic, and feedback that is published in between
-    is lost. So is a sample that a reliable DDS writer sends before the first heartbeat of a new reader. Participants
-    that have not subscribed in time are not waited for again. While the clients stay the same, goals do not wait.
+    is lost. A sample that a reliable DDS writer sends before the first heartbeat of a new reader is lost, too.
+    Participants that have not subscribed in time are not waited for again. While the clients stay the same, goals do
+    not wait.
     """
 
     def __init__(self, scope: EntityScope, goals: ServiceServer[Any, Any], feedback: Publisher[Any]) -> None:

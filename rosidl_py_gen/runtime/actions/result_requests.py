@@ -1,4 +1,5 @@
-"""Requests of an action client for the results of its goals: one for each goal, open until the goal ends.
+"""Requests of an action client for the results of its goals: each goal has one request, which is open until the goal
+ends.
 
 Every server of the action's name receives a request, and replies UNKNOWN if it was started after the goal was accepted.
 So UNKNOWN is ignored while a server that may have accepted the goal is present. When all of these have disappeared, the
@@ -43,26 +44,30 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
 
 CHECK_INTERVAL_S = 0.5
-"""Interval at which an action client checks its servers while results are pending."""
+"""Interval in seconds at which an action client checks its servers while results are pending."""
 _BATCH_INTERVAL_S = 0.01
-"""Interval between bursts of result requests; it delays no result, because servers reply when goals end."""
+"""Interval in seconds between groups of result requests that are sent together. It delays no result, because servers
+reply when goals end."""
 RETRY_DELAY_S = 0.5
-"""Time from the end of a goal until the request for its result is repeated; doubles with each repetition."""
+"""Time in seconds from the end of a goal until the request for its result is repeated; doubles with each repetition."""
 _MAX_UNKNOWN_REPLIES = 3
 """Number of UNKNOWN replies about an ended goal, from servers that accepted it, after which UNKNOWN is its result."""
 ACK_TIMEOUT_S = 1.0
-"""Time without acknowledgement after which an action server is considered dead if a second node has its node's name.
+"""Time in seconds without acknowledgement after which an action server is considered dead if a second node has its
+node's name.
 
-A server that lives acknowledges within milliseconds.
+A running server acknowledges within milliseconds.
 """
 REGISTRATION_TIMEOUT_S = 2.0
-"""Time after the acceptance of a goal in which UNKNOWN may mean that the server has not registered the goal yet.
+"""Time in seconds after the acceptance of a goal in which the reply UNKNOWN may mean that the server has not registered
+the goal yet.
 
 rclcpp needs less than 1 ms to register a goal on an idle machine. A larger value delays the error for a goal that is
 really unknown.
 """
 FIRST_RETRY_DELAY_S = 0.02
-"""Time until a server that may not have registered a goal gets another request; doubles with each retry."""
+"""Time in seconds until a server that may not have registered a goal gets another result request; doubles with each
+retry."""
 
 
 @dataclass(slots=True, eq=False)
@@ -173,7 +178,10 @@ class ResultRequester:
         pending.sent_requests.clear()
 
     def _on_reply(self, pending: _ResultRequest, response: Any, server: bytes | None) -> bool:
-        """Handle a response; return True to keep the request open, because another server may know the goal."""
+        """Handle a response to a result request.
+
+        Returns True to keep the request open, because another server may know the goal.
+        """
         if pending not in self._pending:
             return False
         if response.status != GoalStatus.UNKNOWN:
@@ -194,7 +202,10 @@ class ResultRequester:
         return self._accept_unknown(pending, response)
 
     def _accept_unknown(self, pending: _ResultRequest, response: Any) -> bool:
-        """Report UNKNOWN as the response and return False; retry and return True if the goal may be registered soon."""
+        """Report the reply UNKNOWN to the goal and return False.
+
+        If the goal may be registered soon, retry and return True.
+        """
         if pending.is_early and not pending.is_retrying:
             pending.is_retrying = True
             self._scope.loop_binding.running_loop().call_later(pending.retry_delay_s, self._retry, pending)
@@ -259,7 +270,8 @@ class ResultRequester:
         return UNKNOWN_NODE if endpoint is None else self._scope.graph.node_of(endpoint)
 
     def _restarted_servers(self, pending: _ResultRequest, names: dict[bytes, tuple[str, str]]) -> set[bytes]:
-        """Return the newer servers whose node has the same name as a node that may know the goal.
+        """Return the newer servers among the present servers whose node has the same name as a node that may know the
+        goal.
 
         Args:
             names: name of the node of each present server.

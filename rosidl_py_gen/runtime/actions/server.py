@@ -67,7 +67,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         self._policy = goal_policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
-        """Goal id -> future of the reply, for goal requests that wait for a decision of the program."""
+        """Futures of the replies to goal requests for which the program has not decided yet, by goal id."""
         parts = self._parts
         self._goals = ServerGoals(
             parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=goal_policy

@@ -63,7 +63,7 @@ def current_task_or_thread() -> object:
 
 
 class GoalRecord:
-    """Internal state of a `ServerGoal`, except its status, which is in the server's `GoalTable`.
+    """Internal state of a `ServerGoal`. Its status is not included; it is stored in the server's `GoalTable`.
 
     Attributes:
         accepted_ns: time of acceptance by the server's clock; None until the goal is accepted.
@@ -331,7 +331,10 @@ class ServerGoals:
         return info
 
     def reject_garbage_collected(self, reply: asyncio.Future[GoalInfo | None]) -> None:
-        """Reject a goal request that the program has dropped without a decision. Thread: any."""
+        """Reject a goal request that the program has dropped without a decision, which its garbage collection shows.
+
+        Thread: any.
+        """
 
         def reject() -> None:
             if not reply.done():

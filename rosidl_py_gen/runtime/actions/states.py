@@ -1,4 +1,4 @@
-"""State machine, table, errors and encoded status array for the goals of an action server; without I/O.
+"""State machine, table and errors for the goals of an action server, and their encoding as status array; without I/O.
 
 Times are nanoseconds of the clock of the server. Source: docs/internals/protocol.md 8.2 to 8.4.
 """
@@ -57,7 +57,7 @@ ResultT = TypeVar("ResultT")
 
 ZERO_ID = bytes(16)
 MIN_RESULT_RETENTION_NS = 50_000_000
-"""Shortest time for which a server retains a result; a shorter timeout is raised to this value.
+"""Minimum time in nanoseconds for which a server retains a result; a shorter timeout is raised to this value.
 
 A client requests the result after it has received the acceptance, and a goal may have ended by then. rclpy with
 ``result_timeout=0`` loses 8 to 60 of 60 results of short goals. A client on the same machine needs 1 to 5 ms, and up to
@@ -95,7 +95,7 @@ class GoalStatus(IntEnum):
 
 
 STATUSES = {int(status): status for status in GoalStatus}
-"""Number -> `GoalStatus`."""
+"""Members of `GoalStatus` by their number."""
 
 
 class GoalEvent(Enum):
@@ -120,10 +120,10 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
         (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
     }
 )
-"""(status, event) -> next status of a goal; an event is not possible in a status if the pair is missing."""
+"""Next status of a goal, by status and event; if a pair is missing, the event is not possible in the status."""
 # Source: docs/internals/protocol.md 8.2.
 TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
-"""Event that ends a goal -> final status of the goal."""
+"""Final status of a goal, by the event that ends the goal."""
 
 
 class GoalTransitionError(RosidlError):
@@ -188,9 +188,11 @@ class GoalRules:
 
 
 RULES = GoalRules(CancelCode.REJECTED, CancelCode.GOAL_TERMINATED)
-"""Rules of `ActionServer`: as in rclcpp, a client learns that a cancel request had no effect."""
+"""Rules for goals of this package's `ActionServer`: as in rclcpp, a client learns that a cancel request had no effect.
+"""
 RCLPY_RULES = GoalRules(CancelCode.NONE, CancelCode.NONE)
-"""Rules of rclpy's `ActionServer`: rclpy replies 0 with an empty list, which a client takes for success."""
+"""Rules for goals of rclpy's `ActionServer`. rclpy replies to a refused cancel request with code 0 and an empty list,
+which a client takes for success."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +266,7 @@ class GoalTable(Generic[ResultT]):
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
     def status_message(self) -> bytes:
-        """Return the serialized GoalStatusArray of all goals."""
+        """Return the serialized GoalStatusArray of all goals in the table."""
         return self._rows.message()
 
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
@@ -331,7 +333,8 @@ class GoalTable(Generic[ResultT]):
         return CancelSelection(CancelCode.NONE, tuple(selected))
 
     def cancel_code(self, selection: CancelSelection, *, any_canceled: bool) -> CancelCode:
-        """Return the return code of a cancel request, once the program has decided and the goals are CANCELING.
+        """Return the return code for the reply to a cancel request, once the program has decided and the goals are
+        CANCELING.
 
         A goal that has ended during the decision counts as if it had ended before.
 
@@ -380,11 +383,12 @@ _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
 class StatusArray:
-    """Serialized GoalStatusArray with the goals of one action server, in the order of acceptance.
+    """Serialized GoalStatusArray with the goals of one action server, in the order of acceptance, which is updated in
+    place.
 
     The status topic carries every goal of a server at every transition. With message objects, a server with a thousand
-    retained results would spend milliseconds on each transition. A row has 28 bytes: UUID 16, 3 padding bytes, sec 4,
-    nanosec 4, status 1; the first row has no padding, because its stamp is aligned without it
+    retained results would spend milliseconds on each transition. A goal takes a row of 28 bytes: UUID 16, 3 padding
+    bytes, sec 4, nanosec 4, status 1; the first row has no padding, because its stamp is aligned without it
     (docs/internals/protocol.md 2, 8.3).
     """
 
@@ -393,16 +397,16 @@ class StatusArray:
         self._offsets: dict[bytes, int] = {}
 
     def add(self, goal_id: bytes, stamp_ns: int, status: int) -> None:
-        """Append the row of a new goal."""
+        """Append the bytes of a new goal to the serialized status array."""
         self._offsets[goal_id] = len(self._rows)
         self._rows += _ROW.pack(goal_id, *sec_nanosec(stamp_ns), status)
 
     def set_status(self, goal_id: bytes, status: int) -> None:
-        """Change the status in the row of a goal."""
+        """Change the status of a goal in the serialized status array."""
         self._rows[self._offsets[goal_id] + _STATUS_OFFSET] = status
 
     def remove(self, goal_ids: list[bytes]) -> None:
-        """Remove the rows of goals."""
+        """Remove goals from the serialized status array."""
         removed = {self._offsets.pop(goal_id) for goal_id in goal_ids}
         if removed:
             size = _ROW.size

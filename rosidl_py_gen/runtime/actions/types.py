@@ -49,7 +49,8 @@ ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 ActionT = TypeVar("ActionT", bound=Action[Any, Any, Any])
 ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
-"""Action class; covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
+"""Type variable for an action class. It is covariant, so that ``ServerGoal[Fibonacci]`` is a
+``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
 
 
 UntypedAction: TypeAlias = Action[DictMessage, DictMessage, DictMessage]
@@ -202,7 +203,7 @@ def goal_id_of(message: Any) -> bytes:
 
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
-"""Policy of an action server for goals that arrive while another goal runs."""
+"""Type of the setting `goal_policy` of an action server, for goals that arrive while another goal runs."""
 
 _ID_BYTES = 16
 _CANCEL_ALL_HINT = "all zeros select every goal; use cancel_all() for that"

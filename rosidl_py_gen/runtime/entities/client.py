@@ -1,8 +1,8 @@
 """Service clients.
 
-The method `_enqueue` sends a request; `call` and `send_request` return futures on top of it. Each request ends with a
-reply, a timeout, a cancellation, `close`, or the loss of the last server that received the request: a server that
-starts later does not have the request. How a reply is assigned to its request depends on the transport.
+The method `_enqueue` sends a request; `call` and `send_request` are based on it. Each request ends with a reply, a
+timeout, a cancellation, `close`, or the loss of the last server that received the request: a server that starts later
+does not have the request. How a reply is assigned to its request depends on the transport.
 """
 
 from __future__ import annotations
@@ -63,12 +63,14 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         super().__init__(scope, service_type, name, qos, is_client=True, type_hash_check=type_hash_check)
         self._transport_client = self._open(scope.participant.create_client(self._spec))
         self._pending: dict[PendingRequest[ResponseT], Literal[True]] = {}
-        """Requests without a response, in the order of their creation; a dict, because `pop` is one operation."""
+        """Requests without a response, in the order of their creation. A dict, because its `pop` is one operation for
+        all threads."""
         self._by_sequence_number: dict[int, PendingRequest[ResponseT]] = {}
-        """Sequence number -> pending request, for the requests that were sent."""
+        """Pending requests that were sent, by sequence number."""
         self._timeouts: TimeoutTable[PendingRequest[ResponseT]] | None = None
         self._has_direct_callbacks = False
-        """True once a request has a callback that may run the user's code, and not only complete an asyncio future."""
+        """True once a request has a callback that may run code of the user; False while callbacks only complete asyncio
+        futures."""
         self._window = scope.request_windows.get(self._spec.topic_keys[0], name, batch_interval_s)
         self._transport_client.set_sink(self._on_replies)
         self._loss_registration = scope.discovery.on_change.add(self._on_discovery)
@@ -106,7 +108,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return set(self._transport_client.connected()) if self._transport_client.servers().is_available else set()
 
     def _available(self) -> ServerAvailability:
-        """Return the availability of servers, which is falsy if no server can be called.
+        """Return the availability of servers as an object that is false in a condition if no server can be called.
 
         Raises:
             IncompatibleServiceError: all servers use Fast DDS, and the installed Cyclone DDS cannot call them.
@@ -230,14 +232,16 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         on_reply: Callable[[ResponseT, bytes | None], object],
         on_error: Callable[[Exception], object],
     ) -> PendingRequest[ResponseT]:
-        """Send a request to the servers that are connected now; return it for `_abandon_request`. Thread: loop.
+        """Send a request to the servers that are connected now; return the request, for `_abandon_request`.
+
+        Thread: loop.
 
         Args:
             request: request message.
-            on_reply: gets a response and the GUID of its reply writer; returns True to get replies of further servers.
-                Thread: loop.
-            on_error: gets `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError`; no other call follows.
-                Thread: loop.
+            on_reply: called with a response and the GUID of its reply writer; returns True to get replies of further
+                servers. Thread: loop.
+            on_error: called with `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError`; no other call
+                follows. Thread: loop.
         """
         if self._closed or self._scope.closed:
             self._require_open()
@@ -281,7 +285,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return True
 
     def _send(self, pending: PendingRequest[ResponseT]) -> bool:
-        """Write a request; return False if the servers are so far behind that the request must wait."""
+        """Write a request.
+
+        Returns False if the request must wait, because servers are slow to acknowledge earlier requests.
+        """
         if pending not in self._pending:
             return True
         try:
@@ -305,7 +312,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         pending.on_error(error)
 
     def _on_replies(self) -> Callable[[], None] | None:
-        """Read the received replies, or return the function that does so later (sink of the reply reader)."""
+        """Read the received replies, or return a function that does so later.
+
+        The transport calls this method when replies arrive.
+        """
         if self._has_direct_callbacks:
             return self._read_all
         self._read_all()
@@ -341,7 +351,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             self._scope.loop_binding.call_soon(self._check_lost_requests)
 
     def _check_lost_requests(self) -> None:
-        """Read all received replies, then fail the requests to which no server can reply any more."""
+        """Read all received replies, then report an error for each request to which no server can reply any more."""
         if self._closed:
             return
         self._transport_client.report_lost_requests()
@@ -363,7 +373,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
     @property
     def in_flight_count(self) -> int:
-        """Number of requests of the client that wait for a response, also those that are not sent yet."""
+        """Number of requests of the client that wait for a response, including requests that are not sent yet."""
         return len(self._pending)
 
     def close(self) -> None:

@@ -1,7 +1,8 @@
-"""Base classes of entities, and the scope, which has everything that all entities of one node share.
+"""Base classes of entities (publishers, clients and so on), and the scope: all that the entities of one node share.
 
 Entities get an `EntityScope` and a resolved name, never the node: a node owns its entities, and a reference back would
-make a cycle. A scope closes everything that was created with it. A composite entity has a nested scope of its own.
+make a cycle. A scope closes everything that was created with it. An entity that consists of other entities has a nested
+scope.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _MATCH_POLL_INTERVAL_S = 0.05
-"""Interval of checks for matched endpoints: DDS matches endpoints some time after their discovery, without an event."""
+"""Interval in seconds of checks for matched endpoints. DDS matches endpoints some time after their discovery, without
+an event."""
 QOS_HINT = "; QoS is given as qos=..."
 
 
@@ -72,7 +74,7 @@ class Entity:
         self.close()
 
     def _described(self) -> str:
-        """Return kind and name of the entity for errors, such as ``the publisher on /chatter``."""
+        """Return the kind and name of the entity for error texts, such as ``the publisher on /chatter``."""
         raise NotImplementedError
 
     def _require_open(self) -> None:
@@ -80,7 +82,10 @@ class Entity:
             self._scope.require_open(True, self._described())
 
     def _begin_close(self, *guids: bytes) -> bool:
-        """Unregister the entity and withdraw its endpoints with these GUIDs; return False if it was closed before."""
+        """Unregister the entity from its node, and withdraw its endpoints with these GUIDs from peers.
+
+        Returns False if the entity was closed before.
+        """
         if not self._close_latch.set():
             return False
         self._closed = True
@@ -100,9 +105,9 @@ class PollableEntity(Entity):
     """
 
     _callback: UserCallback | None
-    """Callback of the user, which takes all arrived data; None to receive by `take` or iteration."""
+    """Callback of the user, which gets all arrived data; None if the program receives by `take` or iteration."""
     _contents = "messages"
-    """Noun for the data that the callback takes, for error texts."""
+    """Noun for error texts that names the data which the callback takes."""
     _listeners: RegistrationSet[UserCallback] | None = None
     _on_arrival: Callable[[], None] | None = None
     """Function that calls the listeners of `on_ready`; None until the first listener is added."""
@@ -179,7 +184,7 @@ def user_callback(
     hint: str = "",
     type_hint: str = "",
 ) -> UserCallback | None:
-    """Return the `UserCallback` of a function of the user; None for None.
+    """Return a function of the user as a `UserCallback`; None if the function is None.
 
     Args:
         scope: owner of the entity.
@@ -209,7 +214,7 @@ def entity_repr(entity: Entity, *details: str, peers: Callable[[], int], peer: s
 
 
 class Throttle:
-    """Rate limit of one log entry per second; each endpoint has its own limit, so that no endpoint silences another."""
+    """Limit of one log entry per second, which each endpoint has separately, so that no endpoint silences another."""
 
     def __init__(self, clocks: ClockFunctions) -> None:
         self._steady_ns = clocks.steady_ns
@@ -225,7 +230,7 @@ class Throttle:
 
 
 class EntityScope:
-    """Owner of the entities of a node, or (nested) of a `CompositeEntity`; has the resources that they share."""
+    """Owner of the entities of a node or of a `CompositeEntity`, with the resources that these entities share."""
 
     def __init__(
         self,
@@ -262,16 +267,16 @@ class EntityScope:
         self.failures = CallbackFailures(loop_binding, on_error)
         self.closed = False
         self.close_latch = Latch()
-        """Latch of which only the first caller of `close` gets True."""
+        """Flag that exactly one call of `close` sets, so that the scope is closed once."""
         self.owned: dict[int, Closeable] = {}
-        """Objects to close with this scope, by `id`, oldest first; emptied by `close`."""
+        """Objects that the scope closes when it closes, by `id`, oldest first; emptied by `close`."""
         self.with_callbacks: dict[int, object] = {}
         """Entities with a callback of the user, by `id`, except entities that the user closed before the node."""
         self.type_hash_check: TypeCheck = DEFAULT_CHECK
-        """Value of `type_hash_check` for entities that are created without one."""
+        """Default of `type_hash_check` for entities that are created without this argument."""
         self.tasks: set[asyncio.Task[Any]] = set()
         self._node: EntityScope | None = None
-        """Scope of the node, if this scope is nested; None in the scope of a node."""
+        """Scope of the node if this scope belongs to a composite entity; None in the scope of a node."""
 
     def create_child(self) -> EntityScope:
         """Create a nested scope with its own entities and tasks, which may close before the node does."""
@@ -288,7 +293,9 @@ class EntityScope:
         )
 
     def register(self, entity: Closeable, *, reader: bytes = b"", writer: bytes = b"") -> None:
-        """Own an entity until the entity calls `unregister` or the scope closes it, and announce its endpoints.
+        """Add an entity, which the scope closes when it closes, and announce the endpoints of the entity.
+
+        The entity belongs to the scope until the entity calls `unregister`.
 
         Args:
             entity: entity or other object to close with the scope.
@@ -323,7 +330,7 @@ class EntityScope:
             self.discovery.on_other_definition[guid] = on_other_definition
 
     def unregister(self, entity: object, *guids: bytes) -> None:
-        """Stop owning an entity, and withdraw its endpoints with these GUIDs.
+        """Remove an entity from the scope, and withdraw its endpoints with these GUIDs.
 
         While the whole node closes, nothing is withdrawn: the node is withdrawn as a whole.
         """
@@ -335,7 +342,7 @@ class EntityScope:
             self.discovery.change_endpoints(self.number, remove=guids)
 
     def require_open(self, closed: bool, subject: str) -> None:
-        """Raise `ClosedError` about `subject` if `closed` is true, or if the scope is closed."""
+        """Raise `ClosedError` that names `subject` if `closed` is true, or if the scope is closed."""
         if closed or self.closed:
             owner = f"node {self.node_name}" if subject == "the node" else f"{subject} of node {self.node_name}"
             raise ClosedError(f"{owner} is closed")
@@ -449,7 +456,10 @@ class EntityScope:
         return self.discovery.unmatched.why(guid, topic_key, is_writer=is_writer, matched=matched, ending=ending)
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-        """Run a coroutine as a task that the scope cancels when it closes, and references until the task ends."""
+        """Run a coroutine as a task that the scope cancels when it closes.
+
+        The scope refers to the task until the task ends.
+        """
         loop = asyncio.get_running_loop()
         if loop is not self.loop_binding.bound_loop:
             self.loop_binding.attach(loop)
@@ -486,7 +496,9 @@ class EntityScope:
         return self.loop_binding.run(self.failures.run_guarded(coroutine) if raises else coroutine)
 
     def report_failure(self, activity: str) -> None:
-        """Log the exception being handled, with its traceback, as the node; raise it later with ``on_error="raise"``.
+        """Log the exception that is being handled, with its traceback, in the name of the node.
+
+        With ``on_error="raise"`` the exception is also raised later.
 
         Args:
             activity: what has failed, such as ``"the callback of /chatter"``.

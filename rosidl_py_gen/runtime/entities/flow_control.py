@@ -33,15 +33,20 @@ if TYPE_CHECKING:
 ResponseT = TypeVar("ResponseT")
 
 _INITIAL_WINDOW = 3
-"""Initial number of requests that may be unanswered, below the usual queue depth, which clients may share."""
+"""Initial number of requests that may be unanswered. It is below the usual queue depth of a server, which several
+clients may share."""
 DISCOVERY_SETTLE_S = 2.0
-"""Time until clients that started at the same time have discovered each other, also on a busy machine."""
+"""Time in seconds after which clients that started together have discovered each other, also on a busy machine."""
 STALL_TIMEOUT_S = 10.0
-"""Time without a response until one request beyond the queue depth is sent, as earlier requests may be lost."""
+"""Time in seconds without a response after which one request beyond the queue depth is sent, as earlier requests may be
+lost."""
 
 
 class RequestTimedOutError(RosidlError):
-    """Raised internally if no response arrived in time; the waiting call adds the time limit to its own exception."""
+    """Raised internally if no response arrived in time.
+
+    The waiting call replaces it by an exception that states the time limit.
+    """
 
 
 @dataclass(slots=True, eq=False)
@@ -70,7 +75,10 @@ class PendingRequest(Generic[ResponseT]):
 
 
 class RequestFlowControl:
-    """Window that limits the unanswered requests of all clients of a service in a context; first come, first served."""
+    """Window for a service: limits how many requests of all its clients in a context are unanswered.
+
+    Waiting requests are sent in order.
+    """
 
     def __init__(self, name: str, batch_interval_s: float | None = None) -> None:
         """Create the window of one service.
@@ -83,21 +91,22 @@ class RequestFlowControl:
         self._name = name
         self._batch_interval_s = batch_interval_s
         self.stall_timeout_s = STALL_TIMEOUT_S
-        """Time without a response until one more request is sent; doubles each time, until a response arrives."""
+        """Time in seconds without a response until one more request is sent. The time doubles at each repetition until
+        a response arrives."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self.waiting: deque[tuple[Callable[[int], bool], object]] = deque()
-        """Functions that send the requests for which the window has no room, oldest first, each with its client."""
+        """Functions that send requests for which the window has no room, oldest first, each with its client."""
         self._flow_numbers = itertools.count(1)
         self._in_flight: dict[int, object] = {}
-        """Flow number -> client, for the requests that may still be in the server's queue, oldest first."""
+        """Requests that may still be in the server's queue, oldest first, as dict from flow number to client."""
         self._last_progress_s = self._started_s = 0.0
         self.server_queue_depth = 1
-        """Number of own requests that the server's queue can contain, as known now."""
+        """Number of requests of this context that the server's queue can contain, as far as is known now."""
         self._window_size = _INITIAL_WINDOW
         self._timer: asyncio.TimerHandle | None = None
 
     def acquire(self, send: Callable[[int], bool], server_queue_depth: int, client: object = None) -> None:
-        """Call `send` as soon as the window has room for its request, perhaps at once. Thread: loop.
+        """Call `send` as soon as the window has room for its request, perhaps immediately. Thread: loop.
 
         Args:
             send: gets the flow number for `on_response` and `release`, one of which must be called when the request is
@@ -116,7 +125,9 @@ class RequestFlowControl:
             self._send()
 
     def on_response(self, number: int, client: object = None) -> None:
-        """Remove an answered request and the same client's earlier requests, which the server has taken, too."""
+        """Remove an answered request from the window, and the same client's earlier requests, because the server has
+        taken them, too.
+        """
         in_flight = self._in_flight
         if self._loop is not None and self._loop.time() - self._started_s >= DISCOVERY_SETTLE_S:
             self._window_size = min(self._window_size + 1, self.server_queue_depth)

@@ -61,7 +61,9 @@ class ServiceEventPublisher:
         self._state = IntrospectionState.OFF
 
     def configure(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> bool:
-        """Switch introspection on or off (see `ServiceEndpoint.configure_introspection`); return False if off.
+        """Switch introspection events on or off (see `ServiceEndpoint.configure_introspection`).
+
+        Returns False if they are off now.
 
         Raises:
             TypeError: clock or state has another type.

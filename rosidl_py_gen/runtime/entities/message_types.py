@@ -1,4 +1,4 @@
-"""Message and service types as entities use them: a name, a hash, and functions that encode and decode.
+"""Message and service types in the form that entities use: a name, a hash, and functions that encode and decode.
 
 A type is given as a generated class, or by its name, such as ``"std_msgs/msg/String"``. With a name, messages are dicts
 (`to_dict`, `from_dict`), so that a program needs no generated code.
@@ -32,7 +32,7 @@ DictMessage: TypeAlias = "dict[str, Any]"
 """Message as a dict, as `to_dict` returns it; the types of its values depend on the definition."""
 
 _BUFFER_BASES = ("uint8", "char")
-"""Element types of arrays that rosidl stores in buffers; `byte` is not one of them."""
+"""Element types of unbounded arrays that rosidl stores as buffers of bytes in Lyrical; `byte` is not one of them."""
 
 # Separate from the classes of `dynamic`, because programs that forward bytes subscribe with a class that has the hash
 # of a type and no fields, which a search for a class of that hash must not find.
@@ -41,7 +41,7 @@ _classes: weakref.WeakValueDictionary[tuple[str, str], type[Any]] = weakref.Weak
 
 @dataclass(frozen=True, slots=True)
 class MessageType(Generic[T]):
-    """Message type as entities use it.
+    """Message type in the form that entities use.
 
     Attributes:
         ros_name: ``pkg/msg/Name``, or ``pkg/srv/Name_Request``.
@@ -59,7 +59,7 @@ class MessageType(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class ServiceType(Generic[RequestT, ResponseT]):
-    """Service type as entities use it.
+    """Service type in the form that entities use.
 
     Attributes:
         ros_name: ``pkg/srv/Name``.
@@ -134,15 +134,19 @@ def _converters(source: object, arrays: bool) -> Callable[[type[Any]], MessageTy
 
 
 def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
-    """Return the class that an entity of this process uses for a type; None if no entity uses it, or uses a lazy type.
+    """Return the class that an entity of this process uses for the type with a name and a hash; None if there is none.
 
-    The hash is necessary because a class that was compiled at run time may have the same type name as another class.
+    A class that was compiled at run time may have the same type name as another class, so the hash is compared. Lazy
+    types, whose classes are not imported yet, are not found.
     """
     return _classes.get((ros_name, type_hash))
 
 
 def _remember(cls: type[Any]) -> None:
-    """Store a class for `class_of`. A class without fields, which only forwards bytes, replaces no other class."""
+    """Store a class so that `class_of` finds it.
+
+    A class without fields, which only forwards bytes, replaces no other class.
+    """
     known = _classes.setdefault((cls._TYPE.name, cls._TYPE.hash), cls)
     if known is not cls and getattr(cls._TYPE, "fields", True):
         _classes[cls._TYPE.name, cls._TYPE.hash] = cls

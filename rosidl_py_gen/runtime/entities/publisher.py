@@ -1,4 +1,4 @@
-"""Publishers.
+"""Publishers of topics.
 
 If a reliable reader is so slow that the transport makes the writer wait, a sample published on the thread that runs the
 event loop goes into a `SendQueue`, which has the depth of the publisher. On any other thread `publish` blocks, without
@@ -149,7 +149,9 @@ class Publisher(Entity, Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Number of messages that newer ones replaced in the full send queue, unsent (keep-last publishers only)."""
+        """Number of messages that were never sent, because newer messages replaced them in the full send queue
+        (keep-last publishers only).
+        """
         return self._send_queue.dropped
 
     @property

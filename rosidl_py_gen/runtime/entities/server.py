@@ -1,7 +1,7 @@
-"""Service servers: a handler, or an async iterator over requests that the program answers at any later time.
+"""Service servers: the program passes a handler, or iterates over requests and answers each at any later time.
 
-Plain handlers run on the event loop, async handlers as concurrent tasks. The exception of a handler is logged and no
-response is sent, as in ROS: the client's call times out.
+Plain handlers run on the event loop, async handlers as concurrent tasks. If a handler raises an exception, it is logged
+and no response is sent, as in ROS: the client's call times out.
 
 A response that is sent before the client's reply reader is matched would be lost. So the server waits for the match,
 longer than rmw_cyclonedds does, because discovery is late on busy machines.
@@ -33,17 +33,20 @@ ResponseT = TypeVar("ResponseT")
 
 _RESPONSE_HINT = "; it makes the response itself and returns it"
 _CLIENT_MATCH_TIMEOUT_S = 5.0
-"""Maximum time to wait for the match with a client's reply reader before the response is dropped.
+"""Maximum time in seconds to wait for the match with a client's reply reader before the response is dropped.
 
-Endpoints of a Fast DDS participant are discovered up to 1.2 s after it has discovered ours and calls
+Endpoints of a Fast DDS participant are discovered up to 1.2 s after it has discovered the server and calls it
 (docs/internals/dds.md 6). rmw_cyclonedds waits 0.1 s (docs/internals/protocol.md 5.2).
 """
 _CLIENT_MATCH_POLL_INTERVAL_S = 0.01
-"""Interval of the checks for the match with a client's reply reader; DDS reports no event of the match."""
+"""Interval in seconds of the checks for the match with a client's reply reader; DDS reports no event of the match."""
 
 
 class AlreadyRespondedError(RosidlError, RuntimeError):
-    """Raised if a request was answered already; a goal or cancel request may also have ended automatically."""
+    """Raised if a request was answered already.
+
+    A goal or cancel request may also have ended without a decision of the program.
+    """
 
 
 class RequestInfo(NamedTuple):
@@ -155,7 +158,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         return self._requests.waiting > 0
 
     def _on_requests(self) -> Callable[[], None] | None:
-        """Read the received requests, or return a function that handles them (sink of the request reader)."""
+        """Read the received requests, or return a function that handles them.
+
+        The transport calls this method when requests arrive.
+        """
         if self._callback is not None:
             return self._read_all
         self._read_all()
@@ -197,7 +203,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             return None
 
     def _respond(self, origin: RequestId, response: ResponseT) -> bool:
-        """Send a response, perhaps later; return False if the server is closed."""
+        """Send a response, later if the transport is busy or the client is not reachable yet.
+
+        Returns False if the server is closed.
+        """
         if self._closed:
             return False
         data = self._type.response.encode(response)

@@ -35,7 +35,7 @@ class IncompatibleServiceError(RosidlError):
 class ServerLostError(RosidlError, ConnectionError):
     """Raised if a server left before it replied, or reported an error; it may or may not have handled the request.
 
-    A server that was killed is detected when its lease expires: on DDS after 10 s, on Fast DDS after 20 s.
+    The loss of a killed server is detected when its lease expires: on DDS after 10 s, on Fast DDS after 20 s.
     """
 
 
@@ -46,7 +46,7 @@ class CallTimeoutError(RosidlError, TimeoutError):
 class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
     """Base of service clients and servers.
 
-    Subclasses own the `TransportClient` or `TransportServer` and the sink (function that takes received data), and
+    Subclasses own the `TransportClient` or `TransportServer` and the function that takes received data (the sink), and
     implement `close`.
     """
 
@@ -118,7 +118,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         return self._type_hash_filter.incompatible_dropped
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
-        """Publish requests and responses on ``<service>/_service_event`` from now on.
+        """Start to publish requests and responses on ``<service>/_service_event``, or stop it.
 
         Args:
             clock: stamps the events; usually the node's clock.
@@ -151,10 +151,10 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
 
 
 def service_endpoint_qos(qos: QoSProfile) -> QoSProfile:
-    """Return the QoS profile for the endpoints of a service: the requested one, but with history keep-all.
+    """Return the QoS profile for the endpoints of a service: the requested profile, but with history keep-all.
 
-    An overwritten request or response is a call that never returns. History does not affect matching, so peers with
-    keep-last 10, the default of ROS, match anyway.
+    If a queue overwrote a request or response, its call would never return. History does not affect matching, so peers
+    with keep-last 10, the default of ROS, match anyway.
     """
     return without_best_available(qos).keep_all()
 

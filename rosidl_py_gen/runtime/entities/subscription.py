@@ -1,10 +1,10 @@
-"""Subscriptions: an async iterator over the messages of a topic, or a callback.
+"""Subscriptions of topics: the program iterates over messages, or passes a callback.
 
-Messages are decoded when they are taken from the receive queue, not when they arrive, so that dropped ones cost
+Messages are decoded when they are taken from the receive queue, not when they arrive, so that dropped messages cost
 nothing. A sample that cannot be decoded is counted, logged at most once per second, and skipped.
 
 A plain callback is called for each message on the event loop. An async callback is awaited for one message after the
-other, or for `concurrency` messages at once, while new messages wait in the queue. The first ones that the queue
+other, or for `concurrency` messages at once, while new messages wait in the queue. The first messages that the queue
 drops are logged, unless its depth is 1, which means that only the newest message is needed.
 """
 
@@ -125,7 +125,7 @@ class Subscription(PollableEntity, Generic[T]):
         scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.remember)
         depth = self._reader.queue.depth
         self._warning_length = depth if depth > 1 else -1
-        """Queue length from which on drops cause a warning; -1 after the warning, or if the depth is 1."""
+        """Queue length at which a dropped message causes a warning; -1 after the warning, or if the depth is 1."""
         self._events = watch_events(
             scope, self._reader, self._reader.matched_writers, event_callbacks, self._described()
         )
@@ -202,7 +202,9 @@ class Subscription(PollableEntity, Generic[T]):
         return taken
 
     def _set_definition(self, message_type: MessageType[T], taken: deque[tuple[T, MessageInfo]]) -> None:
-        """Set the definition of raw messages, which was not known at creation; messages of others are dropped.
+        """Set the definition of raw messages that was not known at creation.
+
+        From then on messages of other definitions are dropped.
 
         Args:
             taken: raw messages that were taken before, of this or an earlier subscription; those of other definitions
@@ -232,7 +234,9 @@ class Subscription(PollableEntity, Generic[T]):
         raise ClosedError(f"{self._described()} of node {self._scope.node_name} is closed")
 
     def _take(self, newest_of: list[Sample] | None = None) -> tuple[T, Sample] | None:
-        """Return the oldest message that can be decoded, or None; several threads may take at once.
+        """Return the oldest received message that can be decoded, or None.
+
+        Several threads may call this method at the same time.
 
         Args:
             newest_of: list of samples; return the newest message of the list instead, and remove the samples from its
@@ -272,7 +276,7 @@ class Subscription(PollableEntity, Generic[T]):
         return self._latest
 
     def _arrival(self, timeout_s: float | None = None) -> Awaitable[bool]:
-        """Wait until the queue is not empty or the subscription is closed; return False if the time has passed."""
+        """Wait until the receive queue is not empty or the subscription is closed; return False after the timeout."""
         self._scope.loop_binding.running_loop()
         return self._waiters.wait(self._has_news, timeout_s)
 
@@ -288,12 +292,12 @@ class Subscription(PollableEntity, Generic[T]):
         return f"the subscription on {self.topic}"
 
     def _deliver(self) -> None:
-        """Call the callback for the samples that DDS has received, without waiting until the event loop reads them."""
+        """Call the callback for the samples that DDS has received, without waiting until the event loop takes them."""
         self._reader.fetch()
         self._call_back()
 
     def _deliver_without_loop(self) -> None:
-        """Call the callback for the received messages, unless an event loop runs, which does so. Thread: any."""
+        """Call the callback for the received messages, unless an event loop runs, which would call it. Thread: any."""
         scope = self._scope
         if self._closed or scope.closed or scope.loop_binding.is_running or not self._is_ready():
             return
@@ -308,7 +312,10 @@ class Subscription(PollableEntity, Generic[T]):
                 scope.loop_binding.call_in_loop(self._call_back)
 
     def _on_data(self) -> Callable[[], None] | None:
-        """Return a function that handles received messages, and wake up waiters (sink of the reader). Thread: loop."""
+        """Wake up waiting tasks, and return a function that handles received messages, or None.
+
+        The transport calls this method. Thread: loop.
+        """
         if self._callback is not None:
             return self._call_back
         self._waiters.wake()
@@ -426,7 +433,7 @@ class Subscription(PollableEntity, Generic[T]):
         return self._scope.why_unmatched(self._reader.guid, self._topic_key, is_writer=False, matched=matched).text
 
     def _why_silent(self) -> str:
-        """Return a text with the reason why no message was received; "" if it is unknown."""
+        """Return a text with the reason why no message has been received; "" if the reason is unknown."""
         if not (count := self.publisher_count):
             return self._why_unmatched()
         if self.incompatible_dropped and (

@@ -41,7 +41,8 @@ class Timer(PollableEntity):
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
         self._tick: list[Duration] = []
-        """List for the result of the next tick, shared by all tasks that wait for it; empty until the tick."""
+        """List that receives the result of the next tick and is shared by all tasks that wait for it; empty until the
+        tick."""
         self.missed: int = 0
         """Number of periods that were skipped, because the callback or program was too slow."""
         self.call_count: int = 0

@@ -1,11 +1,11 @@
-"""Check of received samples: samples of a sender with another definition of the type are dropped and counted.
+"""Check of received samples, which drops and counts samples whose sender has another definition of the type.
 
-Two definitions of one type have the same name on the wire, and decoding with the other one returns wrong values.
+Two definitions of one type have the same name on the network, and decoding with the wrong one returns wrong values.
 Writers announce the RIHS01 hash of their definition, which is compared once per writer.
 
-ROS 2 Humble announces no hash. Only a type that has another definition in some distribution, or contains one, is
-checked without it (docs/internals/protocol.md 1.9). If the participant is known to be of Humble, the definition of
-Humble is assumed. Samples of other participants must have the size of the definition in use, each one.
+ROS 2 Humble announces no hash. Samples without hash are checked only if the definition of the type, or of a type in it,
+differs between distributions (docs/internals/protocol.md 1.9). If the participant is known to be of Humble, the
+definition of Humble is assumed. Every sample of other participants must have the size of the definition in use.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ W = TypeVar("W")
 
 _MAX_WRITERS = 1000
 _MAX_UNKNOWN_SAMPLES = 100
-"""Number of samples of undiscovered writers after which such a writer is accepted without a further search for it."""
+"""Number of samples from a writer that was not discovered after which the writer is accepted and not searched for any
+more."""
 _HUMBLE = "humble"
 
 
 class _Verdict(Enum):
-    """Decision about a sample."""
+    """Decision whether the samples of a writer are delivered or dropped."""
 
     DROP = auto()
     DELIVER = auto()
-    """The next sample of the writer is checked, too."""
+    """Deliver this sample; the next sample of the writer is checked, too."""
     DELIVER_ALL = auto()
 
 
@@ -73,26 +74,27 @@ class TypeHashFilter(Generic[W]):
         self._topic = topic
         self.service_hash = service_hash
         self._cls: type[Any] | None = None
-        """Class of the definition in use, after `_others` was called."""
+        """Class with the definition in use; set by `_others`."""
         self._other_hashes: Mapping[str, str] | None = None
         self._is_late = False
-        """True if the definition was set later: the reader announces none, so nothing else warns about drops."""
+        """True if the definition was set after creation. The reader then announces no hash, so this filter must warn
+        about drops."""
         self._incompatible: dict[bytes, DiscoveredEndpoint] = {}
-        """Discovered writers with another definition, which may have left when their samples are taken."""
+        """Discovered writers with another definition. A writer may have left when its samples are taken."""
         self._reported: set[tuple[bytes, str]] = set()
-        """Participants whose drops were logged, with their hash of the type; each empty if it is unknown."""
+        """Participants about whose dropped samples a warning was logged, each with its hash of the type; both may be
+        empty if unknown."""
         self.accepted_writers: set[W] = set()
         self.incompatible_dropped = 0
         self._last_drop: tuple[DiscoveredEndpoint, str] | None = None
-        """Writer without hash whose sample was dropped last, and the reason."""
+        """Writer without hash whose sample was dropped most recently, and the reason."""
         self._unknown_samples = 0
         self._count_lock = threading.RLock()
-        """Guards the numbers, because several threads may take. The other members need no lock: each change is one
-        operation, and a thread that misses an entry finds the same decision again.
-        """
+        """Lock for the counters, because several threads may take messages. The other attributes need no lock: each
+        change is one operation, and a thread that misses an entry makes the same decision again."""
 
     def disable(self) -> None:
-        """Deliver everything, because the transport matches endpoints by their hash."""
+        """Deliver all samples, because the transport itself matches endpoints by their hash."""
         self._mode = "off"
 
     @property
@@ -104,7 +106,10 @@ class TypeHashFilter(Generic[W]):
         return f"{self._scope.graph.describe_node(endpoint)} announces no type hash, and {why}"
 
     def accepts(self, writer: W, data: Payload) -> bool:
-        """Return True if a sample of a writer that is not in `accepted_writers` is delivered; count it otherwise."""
+        """Return True if a sample of a writer that is not in `accepted_writers` is to be delivered.
+
+        Otherwise count it as dropped.
+        """
         verdict = _Verdict.DELIVER_ALL if self._mode == "off" else self._verdict(self._guid_of(writer), data)
         if verdict is _Verdict.DELIVER_ALL:
             if len(self.accepted_writers) >= _MAX_WRITERS:
@@ -113,18 +118,20 @@ class TypeHashFilter(Generic[W]):
         return verdict is not _Verdict.DROP
 
     def accepts_from(self, guid: bytes, data: Payload) -> bool:
-        """Return True if a sample of a writer with that GUID is delivered; count it otherwise."""
+        """Return True if a sample of the writer with this GUID is to be delivered; otherwise count it as dropped."""
         return self._mode == "off" or self._verdict(guid, data) is not _Verdict.DROP
 
     def is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
-        """Return True if the samples of a writer are delivered by the hashes that it announces."""
+        """Return True if the hash that a writer announces allows its samples to be delivered."""
         if self._mode == "off" or not type_hashes_differ(endpoint, self._type.type_hash, self.service_hash):
             return True
         # The bytes of another distribution's definition are known to be misread.
         return self._mode == "warn" and endpoint.type_hash not in self._others().values()
 
     def remember(self, endpoint: DiscoveredEndpoint) -> None:
-        """Drop the samples of a writer with another definition also if they are taken after it has left."""
+        """Record a writer with another definition, so that its samples are also dropped if they are taken after it has
+        left.
+        """
         if not self.is_compatible(endpoint):
             if len(self._incompatible) >= _MAX_WRITERS:
                 self._incompatible.clear()
@@ -170,7 +177,7 @@ class TypeHashFilter(Generic[W]):
         return endpoints.get(guid)
 
     def _is_checked_without_hash(self, endpoint: DiscoveredEndpoint) -> bool:
-        """Return True if a writer has no hash, and its type another definition in some distribution."""
+        """Return True if a writer announces no hash and the type has another definition in some distribution."""
         return (
             not (endpoint.type_hash or endpoint.service_hash)
             and bool(self._type.type_hash)
@@ -208,7 +215,9 @@ class TypeHashFilter(Generic[W]):
         return _Verdict.DROP
 
     def _others(self) -> Mapping[str, str]:
-        """Return the hash of the type in each distribution that defines it otherwise; nothing is loaded before."""
+        """Return the hashes that the type has in distributions with another definition, which are computed at the first
+        call.
+        """
         if self._other_hashes is None:
             from rosidl_py_gen.type_loading.class_lookup import find_class
             from rosidl_py_gen.type_loading.distribution_types import other_hashes
@@ -229,7 +238,9 @@ class TypeHashFilter(Generic[W]):
         return self._other_hashes
 
     def _fits(self, data: Payload, distro: str = "") -> bool:
-        """Return True if data has the size of the type, or of the type in a distribution."""
+        """Return True if data has the size of a message of the type, with the definition in use or the definition of a
+        distribution.
+        """
         from rosidl_py_gen.type_loading.distribution_types import class_in, fits_exactly
 
         assert self._cls is not None

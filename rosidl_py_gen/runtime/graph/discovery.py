@@ -1,7 +1,8 @@
-"""Discovery side of a context: announces own nodes, reports changes of the graph and incompatible endpoints.
+"""Discovery of the peers of a context: announces the context's own nodes, and reports changes of the graph and
+incompatible endpoints.
 
-Own nodes are announced after every change; several changes in one loop iteration are announced together. The graph's
-data is in `graph.py`. How nodes are announced, and which endpoints are incompatible, depends on the transport.
+The context's nodes are announced after every change; several changes in one loop iteration are announced together. The
+graph's data is in `graph.py`. How nodes are announced, and which endpoints are incompatible, depends on the transport.
 """
 
 from __future__ import annotations
@@ -41,19 +42,21 @@ _ADVICE = (
     "`rosidl-py`, which does that automatically"
 )
 _NODE_NAME_GRACE_PERIOD_S = 1.0
-"""A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
+"""Time in seconds that a warning about an endpoint waits for the name of the endpoint's node, which usually arrives
+some milliseconds later."""
 _OWN_ENDPOINTS_TIMEOUT_S = 0.1
-"""Maximum time that another thread waits for a loop that is busy; after it, own endpoints may be missing for a moment.
+"""Maximum time in seconds that another thread waits for a busy event loop to apply discovery data. After that time,
+endpoints of this context may be missing from the graph for a moment.
 
 A longer time would delay programs that read the graph while a callback blocks the loop.
 """
 
 
 class Discovery:
-    """Graph of one context, with the announcement of its own nodes."""
+    """Graph of the peers of one context, and the announcement of the context's own nodes to peers."""
 
     def __init__(self, participant: Participant, loop_binding: LoopBinding, announce_delay_s: float = 0.0) -> None:
-        """`announce_delay_s` is the argument of `Context`."""
+        """Create the graph of a context; `announce_delay_s` is the argument of `Context`."""
         self._participant = participant
         self._loop_binding = loop_binding
         self._index = participant.endpoint_index
@@ -61,31 +64,35 @@ class Discovery:
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
-        """Waiters for a change of the graph."""
+        """Tasks that wait for a change of the graph."""
         self.on_change: RegistrationSet[Callable[[Collection[TopicKey]], None]] = RegistrationSet()
-        """Called with the topics of endpoints that were discovered or lost, on the loop's thread if a loop runs."""
+        """Function that is called with the topics of discovered or lost endpoints, on the loop's thread if a loop runs.
+        """
         self.announce_delay_s = announce_delay_s
         self._announcement_is_scheduled = False
         # Held from a change of own nodes until it is announced, so that no older state is announced after it.
         self._lock = threading.RLock()
         self._closed = False
         self._reported: set[tuple[object, ...]] = set()
-        """Reported incompatibilities: GUIDs of the endpoints, or name of the service and GUIDs of the participants."""
+        """Incompatibilities that were reported already, as GUIDs of two endpoints, or as name of a service and GUIDs of
+        the participants."""
         self._warned: dict[TopicKey, int] = {}
-        """Number of warnings about incompatible endpoints, by topic of the own endpoint."""
+        """Number of warnings about incompatible endpoints, by the topic of the context's own endpoint."""
         self._deferred: list[tuple[Callable[[], None], tuple[DiscoveredEndpoint, ...]]] = []
-        """Functions to call when the nodes of endpoints are known."""
+        """Functions to call as soon as the names of the nodes of certain endpoints are known."""
         self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
-        """Function of `Context.on_incompatible_endpoint`."""
+        """Function that the user passed as `Context.on_incompatible_endpoint`."""
         self.type_hash_checks: dict[bytes, str] = {}
-        """Type hash check of own endpoints, without those that have the default."""
+        """Setting of the type hash check for each of the context's own endpoints that does not have the default
+        setting."""
         self.on_other_definition: dict[bytes, Callable[[DiscoveredEndpoint], object]] = {}
-        """Functions of own readers, which are called with each writer that has another definition."""
+        """Functions of the context's own readers, which are called with each writer that has another definition of the
+        type."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
     def add_node(self, name: str, namespace: str) -> int:
-        """Announce a node and return its number."""
+        """Announce a node of the context to peers, and return the number of the node."""
         with self._lock:
             number = next(self._node_numbers)
             self._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
@@ -93,7 +100,7 @@ class Discovery:
         return number
 
     def remove_node(self, number: int) -> None:
-        """Withdraw a node, if it is announced."""
+        """Withdraw a node of the context from peers, if it is announced."""
         with self._lock:
             if self._nodes.pop(number, None) is not None:
                 if self._loop_binding.in_loop_thread():
@@ -108,7 +115,7 @@ class Discovery:
     def change_endpoints(
         self, number: int, *, reader: bytes = b"", writer: bytes = b"", remove: tuple[bytes, ...] = ()
     ) -> None:
-        """Add or remove endpoint GUIDs of a node."""
+        """Add or remove GUIDs of endpoints of a node of this context."""
         with self._lock:
             node = self._nodes.get(number)
             if node is None:
@@ -136,7 +143,7 @@ class Discovery:
             self.publish()
 
     def publish(self) -> None:
-        """Announce all own nodes now."""
+        """Announce all nodes of the context to peers now."""
         with self._lock:
             self._announcement_is_scheduled = False
             try:
@@ -148,8 +155,9 @@ class Discovery:
         self._changed()
 
     def refresh(self) -> None:
-        """Apply received discovery data; outside the thread of a running loop, only if own endpoints are missing.
+        """Apply received discovery data to the graph, so that a caller can read it.
 
+        Outside the thread of a running loop, data is applied only if endpoints of the context itself are missing.
         Thread: any.
         """
         loop = self._loop_binding.loop
@@ -174,7 +182,10 @@ class Discovery:
         return all(self.graph.endpoints.keys() >= node.reader_gids | node.writer_gids for node in nodes)
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
-        """Report incompatible endpoints and changed topics. The transport has applied the events to its index."""
+        """Report incompatible endpoints and topics with changes.
+
+        The transport has already applied the events to its index.
+        """
         topics = self._index.take_changed_topics()
         for event in events:
             if isinstance(event, EntityLost):
@@ -211,7 +222,8 @@ class Discovery:
                     yield Mismatch(info(writer), info(reader), result.mismatch_kind, result.reason)
 
     def _check_endpoint(self, new: DiscoveredEndpoint) -> None:
-        """Report a new or changed endpoint if it is incompatible with one of opposite direction and one is our own.
+        """Report a new or changed endpoint that is incompatible with an endpoint of opposite direction, if one of both
+        is the context's own.
 
         Each pair is reported once, after all received events were applied, because a function of the user may read the
         graph, and when the names of the nodes are known. With ``type_hash_check="off"``, a different definition is not
@@ -240,9 +252,9 @@ class Discovery:
             self._defer(partial(self._warn, result, is_delivered, distros), writer, reader)
 
     def call_when_named(self, function: Callable[[], None], *endpoints: DiscoveredEndpoint) -> None:
-        """Call a function when the nodes of endpoints are known; at the latest after a second on a loop, or at `close`.
+        """Call a function as soon as the names of the nodes of endpoints are known.
 
-        Thread: any.
+        With a running loop, the function is called after a second at the latest; without one, at `close`. Thread: any.
         """
         if all(map(self.graph.has_named_node, endpoints)):
             function()
@@ -272,7 +284,9 @@ class Discovery:
                 self._deferred.append((function, endpoints))
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
-        """Return False if the other topic of the service was reported for the same two participants."""
+        """Return False if an incompatibility on the other topic of a service was reported already for the same two
+        participants.
+        """
         kind, name = writer.topic_key
         if kind not in ("request", "reply"):
             return True
@@ -282,10 +296,10 @@ class Discovery:
         return is_first
 
     def _warn(self, incompatibility: Incompatibility, is_delivered: bool, distros: tuple[str, ...]) -> None:
-        """Log an incompatibility.
+        """Log a warning about two incompatible endpoints.
 
         Args:
-            is_delivered: messages are delivered in spite of it.
+            is_delivered: messages are delivered in spite of the incompatibility.
             distros: distributions that have the definition of the peer.
         """
         if self._closed:
@@ -319,7 +333,9 @@ class Discovery:
         get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
 
     def _may_be_misread(self, incompatibility: Incompatibility) -> bool:
-        """Return True for an own publisher whose messages arrive at a subscription with another definition."""
+        """Return True for a publisher of this context whose messages are delivered to a subscription with another
+        definition of the type.
+        """
         writer, reader = incompatibility.writer, incompatibility.reader
         return (
             incompatibility.kind is IncompatibilityKind.DEFINITION
@@ -329,7 +345,7 @@ class Discovery:
         )
 
     def close(self) -> None:
-        """Announce nothing more, and wake up the waiters."""
+        """Stop announcing nodes, and wake up tasks that wait for a change of the graph."""
         self._closed = True
         self._call_deferred()
         self._changed()

@@ -101,7 +101,7 @@ class SubscriptionEventCallbacks:
     Attributes:
         deadline: a publisher has sent nothing within the deadline; only on DDS.
         liveliness: the liveliness of a publisher has changed; only on DDS.
-        message_lost: DDS or Zenoh has lost messages. `Subscription.dropped` counts those that the queue has dropped.
+        message_lost: DDS or Zenoh has lost messages. `Subscription.dropped` counts messages that the queue has dropped.
         incompatible_type: a publisher has another type, or another definition of it.
         incompatible_qos: a publisher offers less than the subscription requests.
         matched: publishers were matched or have left.
@@ -141,10 +141,10 @@ def watch_events(
     callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks | None,
     subject: str,
 ) -> EndpointEventPoller | None:
-    """Return a poller that calls event callbacks of an endpoint; None if there are no callbacks.
+    """Return an object that polls an endpoint and calls its event callbacks.
 
-    If a callback is invalid or its event unsupported, the endpoint is closed, and the error of `EndpointEventPoller` is
-    raised.
+    Returns None if the program has passed no callbacks. If a callback is invalid or its event unsupported, the endpoint
+    is closed, and the error of `EndpointEventPoller` is raised.
     """
     if callbacks is None:
         return None
@@ -181,7 +181,7 @@ class EndpointEventPoller:
         self._matched = matched
         self._peers: set[bytes] = set()
         self._compared: set[bytes] = set()
-        """GUIDs of the endpoints on the other side of the topic whose compatibility was checked already."""
+        """GUIDs of the endpoints in opposite direction on the topic whose compatibility has been checked already."""
         self._totals = {"matched": 0, "incompatible_type": 0, "incompatible_qos": 0}
         self._counts: dict[str, tuple[int, ...]] = {}
         self._timer: asyncio.TimerHandle | None = None
@@ -230,10 +230,10 @@ class EndpointEventPoller:
             self._loop_binding.call_soon(self._compare_endpoints)  # without a loop, the next one compares
 
     def _poll_matched_peers(self) -> None:
-        """Report changes of the matched endpoints since the previous poll, in up to three statuses.
+        """Report changes of the matched endpoints since the previous poll to the callback, in up to three calls.
 
-        The first is about endpoints that have left, the second about new endpoints, the third about new endpoints that
-        have left already. Fast DDS also reports them separately; one status for all would have the change 0 after an
+        The first call is about endpoints that have left, the second about new endpoints, the third about new endpoints
+        that have left already. Fast DDS also reports them separately. A single call would report a change of 0 after an
         endpoint was replaced.
         """
         total, count = self._totals["matched"], len(self._peers)

@@ -1,4 +1,5 @@
-"""Graph of nodes, topics, services and endpoints: questions about the index that a transport writes.
+"""Graph of nodes, topics, services and endpoints, as queries of the index of discovered endpoints, which a transport
+writes.
 
 The graph combines discovered endpoints with the nodes that participants announce (docs/internals/protocol.md 6.3, 6.4).
 It contains no data, does no I/O and does not wait.
@@ -26,7 +27,7 @@ BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
 _MAX_NAME_CHARS = 600
 """Maximum length of a node name in texts for people; ROS allows 255 for a name and 245 for its namespace."""
 NamesAndTypes = list[tuple[str, list[str]]]
-"""Names of topics, services or actions, each with its types."""
+"""List of names of topics, services or actions, each with the list of its types."""
 
 
 class EndpointType(IntEnum):
@@ -123,7 +124,7 @@ class ParticipantInfo:
 
 
 class Graph:
-    """Discovered participants, nodes and endpoints; may be read while another thread changes the index.
+    """Queries about discovered participants, nodes and endpoints; another thread may change the index at the same time.
 
     Args:
         index: index of the context's participant.
@@ -137,11 +138,11 @@ class Graph:
         self.endpoints = index.endpoints
         """Discovered endpoints by GUID."""
         self.endpoints_on = index.endpoints_on
-        """`EndpointIndex.endpoints_on`."""
+        """Function that returns the endpoints of a topic: `EndpointIndex.endpoints_on`."""
 
     @property
     def version(self) -> int:
-        """Number that is incremented after each change."""
+        """Number that is incremented after each change of the graph."""
         return self._index.version
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
@@ -181,16 +182,19 @@ class Graph:
         return None if participant is None else participant.is_humble
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
-        """Return the sorted names of all topics of one kind that have a writer, or with ``writers=False`` a reader."""
+        """Return the sorted names of all topics of one kind that have a writer.
+
+        With ``writers=False``, the topics have a reader.
+        """
         keys = [key for key in self._index.topic_keys() if key.kind == kind]
         return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 
     def has_others(self) -> bool:
-        """Return True if another participant than the context's own is known."""
+        """Return True if a participant is known that is not the context's own."""
         return any(guid != self._own_participant for guid in list(self._participants))
 
     def endpoints_by_wire_name(self, name: str, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """Return the writers, or with ``writers=False`` the readers, of the topic with a name in the middleware."""
+        """Return the writers of a topic, given by its name in the middleware; with ``writers=False``, the readers."""
         endpoints = list(self.endpoints.values())
         return [endpoint for endpoint in endpoints if endpoint.wire_name == name and endpoint.is_writer is writers]
 
@@ -209,7 +213,7 @@ class Graph:
         )
 
     def node_names_complete(self, participant: bytes | None = None) -> bool:
-        """Return True if all ROS participants, or a given one, have announced nodes.
+        """Return True if all ROS participants, or a given participant, have announced their nodes.
 
         The node of each of their endpoints must be known, too.
         """
@@ -222,7 +226,10 @@ class Graph:
         )
 
     def endpoints_complete(self, participant: bytes | None = None) -> bool:
-        """Return True if all endpoints that all nodes, or the nodes of one participant, announce are discovered."""
+        """Return True if all endpoints that nodes announce have been discovered.
+
+        With a participant, only its nodes count.
+        """
         return (participant is None or participant in self._participants) and all(
             self.endpoints.keys() >= node.reader_gids | node.writer_gids
             for info in self._ros_participants(participant)
@@ -255,7 +262,7 @@ class Graph:
                     yield node
 
     def participants(self) -> list[ParticipantInfo]:
-        """Return all known participants, including our own."""
+        """Return all known participants, including the context's own."""
         has_hash: dict[bytes, bool] = {}
         for endpoint in list(self.endpoints.values()):
             guid = endpoint.participant_guid
@@ -273,7 +280,7 @@ class Graph:
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
-        """Return ROS topics and their types; without `demangle`, all topics with their names in the middleware."""
+        """Return ROS topics with their types; without `demangle`, all topics with their names in the middleware."""
         return _topics(list(self.endpoints.values()), demangle)
 
     def services(self) -> NamesAndTypes:
@@ -283,7 +290,7 @@ class Graph:
     def of_node(
         self, name: str, namespace: str, *, writers: bool, services: str = "", demangle: bool = True
     ) -> NamesAndTypes:
-        """Return the topics, or services, of the endpoints of a node, with their types.
+        """Return the topics or services of which a node has endpoints, with their types.
 
         Args:
             writers: select the writers of the node; False: its readers.
@@ -297,7 +304,8 @@ class Graph:
         """Return the type hashes that the endpoints of a node announce for one type.
 
         Returns:
-            The names of the topics and services with each hash; the key is empty for endpoints without hash.
+            Dict from hash to the names of the topics and services with this hash; the key is empty for endpoints
+                without hash.
         """
         names: defaultdict[str, set[str]] = defaultdict(set)
         for writers in (True, False):

@@ -1,4 +1,4 @@
-"""Comparison of type hashes, and the setting that decides about messages of another definition.
+"""Comparison of type hashes, and the setting for messages whose sender has another definition of the type.
 
 Endpoints announce the RIHS01 hash of their type. A hash that is not announced, or not known here, is not a difference.
 """
@@ -24,7 +24,7 @@ _KINDS = {"/srv/": "service", "/action/": "action"}
 
 
 def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> TypeCheck:
-    """Return the mode, or the default for None; raises `ValueError` for other values."""
+    """Return a type hash check mode unchanged, or the default for None; raises `ValueError` for other values."""
     if mode is None:
         return default
     if mode not in get_args(TypeCheck):
@@ -33,14 +33,17 @@ def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> 
 
 
 def type_hashes_differ(endpoint: DiscoveredEndpoint, type_hash: str, service_hash: str = "") -> bool:
-    """Return True if an endpoint announces another hash than these."""
+    """Return True if an endpoint announces a type hash that is not among the given hashes."""
     if endpoint.type_hash and type_hash:
         return endpoint.type_hash != type_hash
     return bool(endpoint.service_hash and service_hash) and endpoint.service_hash != service_hash
 
 
 def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple[str, ...]:
-    """Return the distributions that have the definition of a peer, which is not the own one; empty if none has it."""
+    """Return the distributions that have a peer's definition of a type, if it differs from the own definition.
+
+    The result is empty if none has it.
+    """
     from rosidl_py_gen.type_loading.distribution_types import distributions_with
 
     try:
@@ -52,7 +55,7 @@ def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple
 
 
 def distribution_advice(distros: tuple[str, ...], type_name: str) -> str:
-    """Return how to use the definition of a type that some distributions share."""
+    """Return a text that advises how to use the definition of a type that the given distributions have."""
     distro = DEFAULT if DEFAULT in distros else distros[0]
     kind = next((word for part, word in _KINDS.items() if part in type_name), "message")
     return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_{kind}'

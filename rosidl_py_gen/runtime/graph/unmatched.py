@@ -1,4 +1,4 @@
-"""Reasons why an endpoint has no matched peer, as text for the errors of waits that timed out.
+"""Search for the reason why an endpoint has no matched peer, as text for errors of waits that timed out.
 
 A reason is cached until the graph changes, because programs poll with short timeouts. Names and other texts of peers
 are made printable and truncated.
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.matching import Incompatibility
 
 _MAX_PEERS = 3
-"""Maximum number of peers that a reason names."""
+"""Maximum number of peers that an error text about unmatched endpoints names."""
 _MAX_NAME_CHARS = 200
 _VERBS = {(False, "topic"): "publishes", (True, "topic"): "subscribes to"}
 _ADVICES = {
@@ -51,7 +51,7 @@ class UnmatchedReasons:
         compare: Callable[[DiscoveredEndpoint, DiscoveredEndpoint], Incompatibility | None],
         middleware: str,
     ) -> None:
-        """Set `compare`, which is called with a writer and a reader and returns None if they are compatible."""
+        """Create the finder; `compare` is called with a writer and a reader and returns None if they are compatible."""
         self._graph = graph
         self._compare = compare
         self._middleware = middleware
@@ -61,11 +61,11 @@ class UnmatchedReasons:
     def why(
         self, guid: bytes, topic_key: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
-        """Return the reason why an own endpoint is matched with no other peers than `matched`.
+        """Return the reason why an endpoint of this context has no matched peers other than `matched`.
 
         Args:
-            guid: GUID of the own endpoint.
-            is_writer: True if the own endpoint is a writer.
+            guid: GUID of the endpoint.
+            is_writer: True if the endpoint is a writer.
             ending: ending that all names of this kind of topic have; omitted in the hint about a similar name.
         """
         if self._graph.version != self._version:
@@ -95,13 +95,16 @@ class UnmatchedReasons:
         return UnmatchedReason(text, is_known=any(result is not None for _, result in results))
 
     def alone(self) -> str:
-        """Return a text that no other participant was found, with advice; empty if there is another participant."""
+        """Return a text with advice if no other participant was found; empty if there is another participant."""
         if self._graph.has_others():
             return ""
         return f"no other participant was found{_ADVICES.get(self._middleware, '')}"
 
     def disagreeing(self, guid: bytes, topic_key: TopicKey) -> str:
-        """Return a text about a publisher with another type definition than the own subscription; empty if none."""
+        """Return a text about a publisher that has another type definition than a subscription of this context.
+
+        The result is empty if there is none.
+        """
         own = self._graph.endpoints.get(guid)
         for writer in self._graph.endpoints_on(topic_key, writers=True):
             result = None if own is None else self._compare(writer, own)

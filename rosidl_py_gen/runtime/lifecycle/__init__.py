@@ -1,1 +1,1 @@
-"""Lifecycle nodes: states, transitions, and the services by which peers change them."""
+"""Lifecycle nodes: states, transitions, and the services with which peers change the state."""

@@ -78,7 +78,7 @@ class TransitionCallbackReturn(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """Transition of a lifecycle node, a row of `LIFECYCLE_TRANSITIONS`.
+    """Transition of a lifecycle node from one state to another.
 
     Attributes:
         id: number as in lifecycle_msgs/Transition; numbers below 10 can be requested, the others result from callbacks.
@@ -134,7 +134,8 @@ _CALLBACK_RETURNS = {
     98: TransitionCallbackReturn.FAILURE,
     99: TransitionCallbackReturn.ERROR,
 }
-"""Number TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which rclpy's callbacks return -> result."""
+"""Results of transition callbacks by number TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which rclpy's
+callbacks return."""
 
 
 def to_callback_return(value: object) -> TransitionCallbackReturn:
@@ -157,7 +158,7 @@ def available_transitions(state: State) -> tuple[Transition, ...]:
 def requested_transition(state: State, transition_id: int = 0, label: str = "") -> Transition | None:
     """Return the transition that a ChangeState request selects by label, or else by id; None if it is not possible.
 
-    The ``transition_...`` rows cannot be requested.
+    Transitions whose label starts with ``transition_`` cannot be requested.
     """
     for row in available_transitions(state):
         if row.label not in _OUTCOMES and (row.label == label if label else row.id == transition_id):
@@ -193,7 +194,7 @@ _CALLBACKS = {
 
 
 class LifecyclePublisher(Publisher[T]):
-    """Publisher of a lifecycle node: sends while the node is active, else drops and counts the messages."""
+    """Publisher of a lifecycle node, which sends while the node is active, and otherwise drops and counts messages."""
 
     def __init__(
         self,
@@ -229,7 +230,9 @@ class LifecyclePublisher(Publisher[T]):
 
 
 class LifecycleMachine:
-    """State, services and transition event of one lifecycle node, whose ``on_...`` methods the machine calls."""
+    """State machine of one lifecycle node with its services and transition event, which calls the node's ``on_...``
+    methods.
+    """
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: object, clock: Clock) -> None:
         self.state = State.UNCONFIGURED
@@ -331,7 +334,10 @@ def _transition_event_class() -> type[Any]:
 
 
 async def _await_uncancelled(task: asyncio.Future[Any]) -> bool:
-    """Wait for the end of a task; if the calling task is cancelled, cancel the task, and return True after its end."""
+    """Wait for the end of a task; return True if the calling task was cancelled while it waited.
+
+    In this case, the awaited task is cancelled, too.
+    """
     cancelled = False
     while not task.done():
         try:

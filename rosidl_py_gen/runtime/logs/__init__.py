@@ -1,1 +1,1 @@
-"""Loggers of nodes, and their outputs: the console, files and /rosout."""
+"""Loggers of nodes, and the outputs of log records: console, log file and /rosout."""

@@ -65,7 +65,7 @@ def logger_name(fully_qualified_node_name: str) -> str:
 
 
 class LogOptions(TypedDict, total=False):
-    """Keyword arguments of a logging call of `RosLogger`; the last four are arguments of Python's `logging`."""
+    """Keyword arguments of the logging methods of `RosLogger`; the last four are arguments of Python's `logging`."""
 
     once: bool
     throttle_s: float | None
@@ -79,15 +79,16 @@ class LogOptions(TypedDict, total=False):
 class RosLogger(logging.Logger):
     """Logger with the options of ROS, from `get_logger` or `node.logger`.
 
-    With `once` a line of the program logs only its first call, with `skip_first` all but the first call, and with
-    `throttle_s` at most one call in that time, measured by the steady clock. Positional arguments are %-formatted into
+    With `once`, a line of the program logs only its first call; with `skip_first`, all but the first call; with
+    `throttle_s`, at most one call in that time, measured by the steady clock. Positional arguments are %-formatted into
     the message. A function that wraps a logger passes ``stacklevel=2``, so that its caller's line counts.
     """
 
     def __init__(self, name: str, level: int = UNSET) -> None:
         super().__init__(name, level)
         self._lock = threading.Lock()
-        """Guards the lines of the program that have called the logger, and the times when they last logged."""
+        """Lock for the table of the lines of the program that have called the logger, with the times when they last
+        logged."""
         self._reached: set[tuple[str, int]] = set()
         self._logged_s: dict[tuple[str, int], float] = {}
 
@@ -118,7 +119,7 @@ class RosLogger(logging.Logger):
     """Alias of `fatal`, with the name that Python's `logging` uses."""
 
     def exception(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
-        """Log a message at level ERROR with the traceback of the exception being handled."""
+        """Log a message at level ERROR with the traceback of the exception that is being handled."""
         options.setdefault("exc_info", True)
         self._log_if(ERROR, msg, args, **options)
 
@@ -136,7 +137,7 @@ class RosLogger(logging.Logger):
     """Alias of `isEnabledFor`, with the name that rclpy uses."""
 
     def get_child(self, suffix: str) -> RosLogger:
-        """Return the logger ``<name>.<suffix>``, whose records are published by the same node."""
+        """Return the logger ``<name>.<suffix>``, whose records the same node publishes."""
         return get_logger(suffix if self is _root else f"{self.name}.{suffix}")
 
     def _log_if(
@@ -183,7 +184,7 @@ class RosLogger(logging.Logger):
 
 
 class _RosRoot(RosLogger):
-    """Root of the ROS loggers; passes its records to the handlers of Python's root logger."""
+    """Root of the ROS loggers, which passes its records to the handlers of Python's root logger."""
 
     def __init__(self) -> None:
         super().__init__("root", INFO)
@@ -228,7 +229,7 @@ failure_listeners: RegistrationSet[Callable[[str, BaseException], None]] = Regis
 
 
 def report_failure(activity: str, logger: RosLogger | None = None, effect: str = "nothing else is affected") -> None:
-    """Log the exception being handled, with its traceback, and notify `failure_listeners`.
+    """Log the exception that is being handled, with its traceback, and notify `failure_listeners`.
 
     Args:
         activity: what has failed, such as ``"the callback of /chatter"``.
@@ -301,7 +302,7 @@ class RosoutRouter(logging.Handler):
         super().__init__()
         self._publishers: dict[str, list[Publish]] = {}
         self._change_lock = threading.RLock()
-        """Guards changes of `_publishers`; `emit` reads `_publishers` without a lock."""
+        """Lock for changes of `_publishers`, which `emit` reads without a lock."""
         self._busy = threading.local()
 
     def register(self, logger_name: str, publish: Publish) -> Registration:
@@ -330,7 +331,7 @@ class RosoutRouter(logging.Handler):
         return None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Publish a record on ``/rosout``, unless the record was logged while another record is being published."""
+        """Publish a log record on ``/rosout``, unless it was logged while another record is being published."""
         publish = self._publisher_of(record.name)
         if publish is None or getattr(self._busy, "now", False):
             return

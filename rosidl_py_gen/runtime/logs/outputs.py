@@ -1,10 +1,10 @@
 """Outputs of log records: the console, and the log file of the process.
 
-The first open context selects the outputs; a warning reports different settings of another context. Unlike ROS, a file
-is only written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
-``--disable-external-lib-logs``. Files have the format of rcl_logging_spdlog; only the name prefix differs: the name of
-the program instead of ``python3``. Each line is written at once. The console prints nothing while the root logger of
-Python has handlers: these handlers get all records, which would appear twice.
+The first open context selects the outputs; a warning reports different settings of another context. Unlike in ROS, a
+log file is written only on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not
+with ``--disable-external-lib-logs``. Files have the format of rcl_logging_spdlog; only the name prefix differs: the
+name of the program instead of ``python3``. Each line is written at once. The console prints nothing while the root
+logger of Python has handlers: these handlers get all records, which would appear twice.
 Source: docs/internals/protocol.md 9.7, 10.4, 10.6.
 """
 
@@ -88,7 +88,9 @@ def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) 
 
 
 class ConsoleHandler(logging.Handler):
-    """Handler that writes log records to `sys.stderr` or `sys.stdout`, whichever file object that is at the time."""
+    """Handler that writes log records to the file object that is `sys.stderr` or `sys.stdout` at the time of the
+    record.
+    """
 
     def __init__(self, settings: ConsoleSettings | None = None) -> None:
         super().__init__()
@@ -116,16 +118,16 @@ console_handler = ConsoleHandler()
 
 
 def print_logs() -> None:
-    """Print log records on the console from now on, with the settings of the ``RCUTILS_...`` variables.
+    """Start to print log records on the console, with the settings of the ``RCUTILS_...`` variables.
 
-    The first context does so, too; a program that logs before calls this function. A context with
+    Opening the first context does so, too; a program calls this function if it logs before that. A context with
     ``--disable-stdout-logs`` stops the printing.
     """
     install_console(read_console_environment(os.environ))
 
 
 def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:
-    """Print all ROS log records on the console from now on, or with ``prints=False`` none."""
+    """Start to print all ROS log records on the console, or stop that with ``prints=False``."""
     console_handler.settings = settings
     root = get_root_logger()
     if prints:
@@ -270,7 +272,9 @@ class LogOutputs:
         return file
 
     def after_fork(self) -> None:
-        """Reset the state in a forked child: a thread of the parent may hold the lock, and owns the log file."""
+        """Reset the log outputs in a forked child, because the parent owns the log file and its threads may hold the
+        lock.
+        """
         self._lock, self._users = threading.RLock(), 0
         if self._file is not None:
             self._drop_file()

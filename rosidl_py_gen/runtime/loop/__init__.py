@@ -1,1 +1,3 @@
-"""Layer between transports and asyncio: event loops, the binding of a context to a loop, and callbacks of the user."""
+"""Layer between transports and asyncio: event loops, the connection of a context to a loop, and callbacks
+of the user.
+"""

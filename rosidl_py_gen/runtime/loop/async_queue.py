@@ -48,7 +48,9 @@ class AsyncQueue(Generic[T]):
         return None
 
     def close(self, error: BaseException | None = None) -> None:
-        """End the iteration after the remaining items; with `error`, iterating then raises it."""
+        """Close the queue: the iteration ends after the remaining items, or raises `error` then, if an
+        error is given.
+        """
         if not self.closed:
             self._error = error
             self.closed = True

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 OnError: TypeAlias = Literal["log", "raise"]
-"""Effect of an exception of a callback: it is only logged, or logged and raised in the program."""
+"""Type of the setting `on_error`: an exception of a callback is only logged, or logged and raised in the program."""
 
 _guards: list[FailureGuard] = []
-"""Failure guards whose `with` blocks are entered, of all threads, newest last."""
+"""Failure guards of all threads whose `with` blocks are active, newest last."""
 _with_pending_error: weakref.WeakSet[CallbackFailures] = weakref.WeakSet()
 
 
@@ -74,9 +74,10 @@ class CallbackFailures:
         self.pending_error: BaseException | None = None
 
     def report(self, activity: str, logger: RosLogger) -> None:
-        """Log the exception being handled; with ``on_error="raise"``, also make a guard of the node raise it.
+        """Log the exception that is being handled; with ``on_error="raise"``, also make a guard of the node raise it.
 
-        Without a guard, the thread that waits in a `LoopRunner` and runs the loop raises it, or the next guard.
+        Without a guard, the exception is raised by the thread that waits in a `LoopRunner` and runs the loop, or by the
+        next guard.
         """
         if self.on_error == "log":
             report_failure(activity, logger)
@@ -116,9 +117,9 @@ class CallbackFailures:
 
 
 class FailureGuard:
-    """Context manager in a task that raises exceptions of the callbacks of the nodes for which `covers` returns True.
+    """Context manager in a task that raises exceptions of callbacks, for the nodes for which `covers` returns True.
 
-    The protocol is the same as in `asyncio.timeout`: a failure of a callback cancels the task once. On exit, the guard
+    A failure of a callback cancels the task once, as the end of the time does in `asyncio.timeout`. On exit, the guard
     withdraws this cancellation. Unless there is another cancellation, the guard replaces the CancelledError by the
     exception of the callback.
     """

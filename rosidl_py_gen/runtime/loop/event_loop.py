@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 MAX_EVENTS = 16
-"""Maximum number of events that one poll returns; the kernel returns the others first at the next poll."""
+"""Maximum number of events that one poll returns; the kernel returns the remaining events first at the next poll."""
 
 
 def new_event_loop() -> asyncio.AbstractEventLoop:
-    """Create the loop of `asyncio.new_event_loop`; on Linux, replace asyncio's own loop by a faster `EventLoop`.
+    """Create the loop of `asyncio.new_event_loop`.
 
-    `run` uses it; ``asyncio.Runner(loop_factory=new_event_loop)`` and test frameworks can, too.
+    On Linux, create a faster `EventLoop` in place of asyncio's own loop. The function `run` uses such a loop. Other
+    programs and test frameworks can use it by ``asyncio.Runner(loop_factory=new_event_loop)``.
     """
     loop = asyncio.new_event_loop()
     if sys.platform == "linux" and type(loop) is asyncio.SelectorEventLoop:
@@ -47,7 +48,9 @@ def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
 
 
 class EventLoop(asyncio.SelectorEventLoop):
-    """asyncio's event loop with priority readers: functions that its selector calls for readable descriptors."""
+    """asyncio's event loop extended by priority readers: functions that its selector calls immediately when a
+    descriptor is readable.
+    """
 
     def __init__(self, selector: PriorityReaderSelector | None = None) -> None:
         self._priority_selector = PriorityReaderSelector() if selector is None else selector

@@ -1,10 +1,11 @@
-"""Binding of a context to the event loop that serves it, and delivery of samples from the transport on that loop.
+"""Connection of a context to the event loop that serves it, which delivers samples from the transport on that loop.
 
-A context is bound to one loop at a time: to the user's loop that it is used on, to the loop of a `LoopRunner`, or,
-while blocking calls are in progress and no loop of the user runs, to a `SharedLoop` of its own. States, transitions
-and thread rules: docs/internals/event_loop.md.
+A context is bound to one loop at a time. This is the user's loop on which the context is used, or the loop of a
+`LoopRunner`. While blocking calls are in progress and no loop of the user runs, it is a `SharedLoop` of the context.
+States, transitions and thread rules: docs/internals/event_loop.md.
 
-Sinks run on the thread of the bound loop only. One wake-up serves all samples that are ready.
+Functions that take received samples (sinks) run on the thread of the bound loop only. One wake-up serves all samples
+that are ready.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _DRAIN_TIMEOUT_S = 5.0
-"""Maximum time that `attach` and `close` wait for the blocking calls in progress, in seconds."""
+"""Maximum time in seconds that `attach` and `close` wait for the end of blocking calls in progress."""
 _CHECK_INTERVAL_S = 0.1
 """Interval in which a thread that waits for the user's loop checks whether the loop still runs, in seconds."""
 _PAUSED_AFTER_S = 0.3
@@ -57,7 +58,7 @@ class WrongEventLoopError(RosidlError, RuntimeError):
 
 
 class LoopBinding:
-    """Binding of one participant to the event loop that its sinks run on; one loop at a time.
+    """Connection of one participant to the event loop on which its sinks run, the functions that take received samples.
 
     Attributes:
         bound_loop: the loop that was bound last, closed or not; a plain attribute, because every publish reads it.
@@ -79,17 +80,21 @@ class LoopBinding:
         """Loop of the user that is bound again after the last blocking call in progress; None if there was none."""
         self._closed_reason = ""
         self._watched: int | None = None
-        """Duplicate of the participant's descriptor, which the bound loop watches: either side may close first."""
+        """Duplicate of the participant's file descriptor for the bound loop to watch, because loop and participant may
+        close in any order."""
         self._is_scheduled = False
         self._deferred_calls: deque[Callable[[], None]] = deque()
-        """Functions that sinks returned and that wait to be called; they may call functions of the user."""
+        """Functions that sinks have returned and that wait to be called; they may run code of the user."""
         self._on_bind_hooks: RegistrationSet[Callable[[], None]] = RegistrationSet()
 
     # ----------------------------------------------------------------------------------------------------- the state
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop | None:
-        """Event loop that sinks run on; None if no loop was bound, or if the bound loop is closed."""
+        """Event loop on which received samples are handled.
+
+        The value is None if no loop was bound, or if the bound loop is closed.
+        """
         loop = self.bound_loop
         return None if loop is None or loop.is_closed() else loop
 
@@ -138,9 +143,10 @@ class LoopBinding:
             self.attach(loop)
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Bind `loop`: sinks run on it from now on. Thread: the thread of the loop, or any while the loop does not run.
+        """Bind `loop` to the context: received samples are handled on it from now on.
 
         Waits until the blocking calls in progress have ended; calls that start in the meantime wait for the new loop.
+        Thread: the thread of the loop, or any while the loop does not run.
 
         Raises:
             WrongEventLoopError: another loop is bound and still runs, or only the loop of a `LoopRunner` may be bound.
@@ -167,7 +173,10 @@ class LoopBinding:
                 self._changed.notify_all()
 
     def on_bind(self, function: Callable[[], None]) -> Registration:
-        """Call a function whenever a loop is bound, and now if one is, until the returned registration is closed."""
+        """Register a function that is called whenever a loop is bound, and immediately if one is bound.
+
+        Closing the returned registration ends the calls.
+        """
         registration = self._on_bind_hooks.add(function)
         if self.loop is not None:
             function()
@@ -183,7 +192,10 @@ class LoopBinding:
             function()
 
     def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
-        """Register the participant's descriptor with the loop; return False where that is not possible."""
+        """Register the participant's file descriptor with the loop.
+
+        Returns False on platforms where that is not possible.
+        """
         descriptor = self._participant.fileno()
         if descriptor is None:
             return False
@@ -203,7 +215,7 @@ class LoopBinding:
         return True
 
     def detach(self) -> None:
-        """Unbind the loop: sinks do not run, and samples stay in the transport, until another loop is bound."""
+        """Unbind the loop. Received samples are not handled and stay in the transport until another loop is bound."""
         loop, watched = self.bound_loop, self._watched
         self.bound_loop = self._watched = None
         self._participant.set_wakeup(None)
@@ -254,7 +266,7 @@ class LoopBinding:
             self._end_call()
 
     def _begin_call(self, before: asyncio.AbstractEventLoop | None) -> SharedLoop:
-        """Count the begin of a blocking call, and return the shared loop, which the first call binds.
+        """Record that a blocking call begins, and return the shared loop; the first call in progress binds this loop.
 
         Lock: _changed must be held.
         """
@@ -268,7 +280,10 @@ class LoopBinding:
         return self.shared
 
     def _end_call(self) -> None:
-        """Count the end of a blocking call; the last call in progress binds the user's paused loop again."""
+        """Record that a blocking call has ended.
+
+        If it was the last call in progress, the user's paused loop is bound again.
+        """
         with self._changed:
             self._blocking_calls -= 1
             if self._blocking_calls == 0:
@@ -347,7 +362,10 @@ class LoopBinding:
     # ------------------------------------------------------------------------------------------------------- samples
 
     def _on_transport_ready(self) -> None:
-        """Schedule `dispatch` on the bound loop, because the participant has ready sinks. Thread: any."""
+        """Schedule `dispatch` on the bound loop; the transport calls this method when received samples are ready.
+
+        Thread: any.
+        """
         loop = self.bound_loop
         if loop is None or loop.is_closed() or self._is_scheduled:
             return
@@ -365,17 +383,23 @@ class LoopBinding:
             self.dispatch()
 
     def dispatch(self) -> None:
-        """Call all ready sinks of the participant, then the functions that the sinks returned."""
+        """Call all sinks of the participant for which samples are ready, then the functions that the sinks returned."""
         if self._run_sinks():
             self._run_deferred()
 
     def _dispatch_before_select(self) -> bool:
-        """Call `dispatch` inside the select of a shared loop; return True if functions for `_run_deferred` are left."""
+        """Call `dispatch` while a shared loop polls its descriptors.
+
+        Returns True if functions for `_run_deferred` are left.
+        """
         self.dispatch()
         return bool(self._deferred_calls)
 
     def _run_sinks(self) -> bool:
-        """Call all ready sinks of the participant; return True if they left functions for `_run_deferred`."""
+        """Call all sinks of the participant for which samples are ready.
+
+        Returns True if they left functions for `_run_deferred`.
+        """
         sinks: list[Sink] = []
         try:
             sinks = self._participant.take_ready_sinks()

@@ -1,4 +1,4 @@
-"""Queues of samples that are sent later: because DDS did not accept them, or because a reply must be sent before."""
+"""Queues of samples that are sent later: because DDS did not accept them, or because a reply must be sent first."""
 
 from __future__ import annotations
 
@@ -87,10 +87,10 @@ class SendQueue:
 
 
 class DeferredSender(Generic[T]):
-    """Queue that passes items to `send` in the loop's next iteration, or at once if they are added outside the loop.
+    """Queue that passes its items to `send` in the loop's next iteration, or at once if they are added outside the
+    loop.
 
-    So a reply that a callback on the loop is sending is sent before the items. Items keep their order. `send` must not
-    raise.
+    So a reply that a callback on the loop is sending precedes the items. Items keep their order. `send` must not raise.
     """
 
     def __init__(self, loop_binding: LoopBinding, send: Callable[[T], None]) -> None:
@@ -109,10 +109,11 @@ class DeferredSender(Generic[T]):
             self.flush()
 
     def flush(self) -> None:
-        """Send all waiting items."""
+        """Send all waiting items now, in their order."""
         with self._lock:
             while self._waiting:
                 self._send(self._waiting.popleft())
 
     close = flush
-    """Send all waiting items. The writer is closed later, because it was created earlier."""
+    """Send all waiting items when the sender is closed. The writer still exists then, as it was created before and is
+    closed later."""

@@ -55,7 +55,7 @@ _shared_loops: weakref.WeakSet[SharedLoop] = weakref.WeakSet()
 
 
 class WouldDeadlockError(RosidlError, RuntimeError):
-    """Raised if the event loop's own thread would wait for an event that only that loop can handle."""
+    """Raised if a thread that runs an event loop would block for an event that only this loop can handle."""
 
 
 class _Outcome(Generic[T]):
@@ -183,10 +183,10 @@ class SharedLoop:
         self._leader_thread = 0
         self._calls: deque[LoopCall[Any]] = deque()
         self._changed = threading.Condition()
-        """Lock of `_leader` and `closed_reason`; notified when the leader leaves a closed loop."""
+        """Lock for `_leader` and `closed_reason`; notified when the leader leaves a closed loop."""
         self._is_checking = False
         self._is_idle = False
-        """True if asyncio had no callback to run before `_due_s` at its last select."""
+        """True if asyncio had no callback to run before the time `_due_s` when it last polled for events."""
         self._due_s: float | None = None
         self._stops_polling = False
         _shared_loops.add(self)
@@ -280,7 +280,9 @@ class SharedLoop:
         return True
 
     def _finish(self, call: LoopCall[T], is_over: Callable[[], bool]) -> T:
-        """Queue a call for the thread that runs the loop, wait until it is over, and return or raise its outcome."""
+        """Queue a call for the thread that runs the loop, wait until the call has ended, and return its value or raise
+        its exception.
+        """
         calls = self._calls
         calls.append(call)
         try:
@@ -293,7 +295,7 @@ class SharedLoop:
         return call.result()
 
     def _cancel(self, task: asyncio.Task[Any]) -> None:
-        """Cancel a task of the loop whose result no thread waits for any more."""
+        """Cancel a task of the loop because no thread waits for its result any more."""
         with contextlib.suppress(RuntimeError, RosidlError):  # closed
             self.loop.call_soon_threadsafe(task.cancel)
             self.wait(task.done, 0)
@@ -538,7 +540,7 @@ class SharedLoop:
 
 
 class SharedEventLoop(_Loop):
-    """Event loop of a `SharedLoop`; `has_new_callbacks` is set whenever a callback or timer is added."""
+    """Event loop of a `SharedLoop`, which sets `has_new_callbacks` whenever a callback or timer is added."""
 
     def __init__(self, shared: SharedLoop) -> None:
         self.has_new_callbacks = False

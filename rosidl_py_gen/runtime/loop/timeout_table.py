@@ -1,4 +1,4 @@
-"""Table of the timeouts of many operations, with one timer of the event loop for all.
+"""Table of the timeouts of many operations, which use one timer of the event loop.
 
 Most operations end long before their timeout. So `remove` does not touch the timer, which finds the next timeout when
 it fires: a timer for each operation would be a tenth of the cost of a service call.
@@ -19,7 +19,10 @@ _COALESCE_S = 0.001
 
 
 class TimeoutTable(Generic[OperationT]):
-    """Timeouts of operations, hashable objects; `expire` is called on the loop with each whose timeout is over."""
+    """Timeouts of operations, which are hashable objects.
+
+    `expire` is called on the loop with each operation whose timeout is over.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[OperationT], None]) -> None:
         self.loop = loop
@@ -28,13 +31,13 @@ class TimeoutTable(Generic[OperationT]):
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, operation: OperationT, timeout_s: float) -> None:
-        """Add an operation whose timeout starts now, in seconds."""
+        """Add an operation; its timeout of this many seconds starts now."""
         end_s = self._ends_s[operation] = self.loop.time() + timeout_s
         if self._timer is None or end_s < self._timer.when():
             self._schedule_check(end_s)
 
     def remove(self, operation: OperationT) -> None:
-        """Remove an operation, which then does not expire; without effect for an unknown one."""
+        """Remove an operation, so that it does not expire; without effect for an unknown operation."""
         self._ends_s.pop(operation, None)
 
     def _schedule_check(self, time_s: float) -> None:

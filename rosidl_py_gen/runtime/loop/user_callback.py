@@ -47,7 +47,7 @@ class Owner(Protocol):
 
 
 def ignore(value: object) -> None:
-    """Ignore the value that a callback returned."""
+    """Ignore the value that a callback has returned; used where no result handler is needed."""
 
 
 class UserCallback:
@@ -91,9 +91,10 @@ class UserCallback:
         return task
 
     async def run(self, *arguments: object) -> None:
-        """Call the callback, and await its coroutine, in the calling task, which must be one of `Owner.create_task`.
+        """Call the callback in the calling task, and await the coroutine that it returns.
 
-        This is cheaper than a task for each call. Exceptions are reported to the owner.
+        The task must be one of `Owner.create_task`. This is cheaper than a task for each call. Exceptions are reported
+        to the owner.
         """
         await in_context(self._context.copy(), self._finish(lambda: self._function(*arguments), ignore))
 
@@ -112,7 +113,7 @@ class UserCallback:
             self._owner.report_failure(self.subject)
 
     def close(self) -> None:
-        """Record that the callback's entity is closed: a CancelledError is not a failure from now on."""
+        """Record that the callback's entity is closed, so that a CancelledError no longer counts as a failure."""
         self._closed = True
 
 
@@ -175,7 +176,7 @@ def in_context(context: contextvars.Context, coroutine: Coroutine[Any, Any, T]) 
 
 
 class _CountingTask(asyncio.Task[T]):
-    """Task with `cancelling` for Python 3.10."""
+    """Task that has the method `cancelling`, which Python 3.10 lacks."""
 
     _cancels = 0
 

@@ -32,7 +32,7 @@ class VirtualTimeDeadlockError(RosidlError):
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """Event loop whose time passes only by waiting; its `clocks`, for a `MemoryTransport`, show the same time.
+    """Event loop whose time passes only when the loop waits; its `clocks`, for a `MemoryTransport`, show the same time.
 
     Args:
         limit_s: maximum real time of `run`, in seconds.
@@ -75,7 +75,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
                 self.close()
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> asyncio.Future[Any]:  # type: ignore[override]
-        """Run a function in a thread, during which time is real time."""
+        """Run a function in a thread of an executor; while it runs, the loop's time is real time."""
         job = super().run_in_executor(executor, func, *args)
         self._jobs += 1
 
@@ -98,7 +98,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         )
 
     def advance_s(self, seconds: float | None, *, waited: bool = False) -> None:
-        """Advance the loop's time by `seconds`, the time to the next timer; None if there is no timer.
+        """Advance the loop's time by `seconds`, the time until the next timer, or None if there is no timer.
 
         With `waited`, the loop has already waited for `seconds` of real time.
 

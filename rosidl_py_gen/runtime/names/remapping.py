@@ -23,7 +23,7 @@ _NAME = rf"(?:~/|/)?{_TOKEN}(?:/{_TOKEN})*|~"
 _RULE_PREFIX = re.compile(rf"({_TOKEN}):(?!=|//)")
 _NAME_TEXT = re.compile(rf"(?:{_NAME})\Z")
 TOKEN_TEXT = re.compile(rf"{_TOKEN}\Z")
-"""Pattern of a node name, without namespace, in remap rules and in the argument of ``-p``."""
+"""Regular expression for a node name without namespace, in remap rules and in the argument of ``-p``."""
 _NAMESPACE_TEXT = re.compile(rf"(?:/|(?:/{_TOKEN})+)\Z")
 
 
@@ -118,10 +118,10 @@ class NodeNames:
 
     @classmethod
     def create(cls, name: str, namespace: str = "", rules: tuple[RemapRule, ...] = ()) -> NodeNames:
-        """Validate and remap a node's name and namespace.
+        """Validate and remap the name and namespace of a node, and return the result.
 
-        The node prefix of a rule for the node name is compared with the original name, the node prefix of a rule for
-        the namespace with the new name.
+        The node prefix of a rule for the node name is compared with the original name. The node prefix of a rule for
+        the namespace is compared with the new name.
 
         Raises:
             InvalidNameError: name or namespace is invalid.

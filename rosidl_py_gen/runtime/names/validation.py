@@ -42,7 +42,7 @@ class NameRule(Enum):
 
 
 class NameFault(NamedTuple):
-    """First broken rule of a name; `position` is the index of the offending character."""
+    """First rule that a name breaks; `position` is the index of the offending character."""
 
     position: int
     rule: NameRule
@@ -50,7 +50,7 @@ class NameFault(NamedTuple):
 
 
 def _raise_for(fault: NameFault | None, subject: str, name: str) -> None:
-    """Raise `InvalidNameError`, whose text has a caret below the offending character, if `fault` is not None."""
+    """Raise `InvalidNameError` if `fault` is not None; the error text has a caret below the offending character."""
     if fault is None:
         return
     index, _, reason = fault
@@ -217,7 +217,7 @@ def fully_qualified_node_name(name: str, namespace: str) -> str:
 
 
 def resolve_node_name(name: str, namespace: str) -> str:
-    """Return ``/ns/name`` of a node that is given as ``name`` in `namespace`, or as ``/ns/name``."""
+    """Return the full name ``/ns/name`` of a node, which is given as ``name`` in `namespace`, or as ``/ns/name``."""
     _check_type("node name", name)
     above, slash, plain = name.rpartition("/")
     validate_node_name(plain)

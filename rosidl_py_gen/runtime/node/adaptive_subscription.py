@@ -1,4 +1,4 @@
-"""Adaptive subscription, which chooses a QoS profile that matches all publishers, and `Node` methods based on it."""
+"""Subscription that adapts its QoS profile to all publishers of its topic, and `Node` methods based on it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ T = TypeVar("T")
 MessageT = TypeVar("MessageT", bound=Message)
 
 _DEPTH = 100
-"""Default queue depth; larger than the 5 of the sensor data profile, because a program may be slower than a burst."""
+"""Default queue depth of an adaptive subscription; larger than the 5 of the sensor data profile, because a program may
+be slower than a burst."""
 
 
 class AdaptiveSubscription(Generic[T]):
@@ -194,7 +195,9 @@ class AdaptiveSubscription(Generic[T]):
 
 
 def _choose_profile(publishers: Sequence[TopicEndpointInfo], depth: int) -> tuple[QoSProfile, list[str]]:
-    """Return a QoS profile that matches all publishers, and sentences about the messages that it does not receive."""
+    """Return a QoS profile that matches all publishers, and sentences about the messages that a subscription with it
+    does not receive.
+    """
     profile = SENSOR_DATA.keep_last(depth)
     notes = []
     reliable = [publisher.qos_profile.reliability is Reliability.RELIABLE for publisher in publishers]

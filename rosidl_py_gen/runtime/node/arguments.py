@@ -140,7 +140,7 @@ WITH_ARGUMENT = {
     "--log-file-name": RosArguments.set_log_file_name,
 }
 SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
-"""Text after ``--enable-`` or ``--disable-`` in a flag -> the field of `LogSettings` that the flag sets."""
+"""Fields of `LogSettings` that flags set, by the text after ``--enable-`` or ``--disable-`` in the flag."""
 
 
 def parse_arguments(arguments: Sequence[str]) -> RosArguments:
@@ -176,7 +176,7 @@ def parse_arguments(arguments: Sequence[str]) -> RosArguments:
 
 
 def _parse_group(parsed: RosArguments, rest: Iterator[str]) -> list[str]:
-    """Parse ROS arguments up to ``--`` from the iterator `rest`; return the unknown arguments."""
+    """Parse ROS arguments from the iterator `rest` up to ``--``, and return the arguments that are unknown."""
     unknown = []
     for argument in rest:
         if argument == "--":

@@ -1,7 +1,7 @@
-"""Contexts: participants of a domain that nodes share.
+"""Contexts: members of a domain that nodes share.
 
-The first node without a context opens the default context, the last one closes it. Open contexts are attached to event
-loops, and closed when a loop or the process ends.
+The first node without a context opens the default context, and the last such node closes it. Open contexts are attached
+to event loops, and closed when a loop or the process ends.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class ContextCore:
     def take_never_ran_error(self, scope: EntityScope) -> CallbacksNeverRanError | None:
         """Return an error if callbacks of a node never ran because no event loop has served the context, else None.
 
-        The callbacks are forgotten, so the next call for the node returns None.
+        The node's callbacks are then no longer recorded, so the next call for the node returns None.
         """
         entities = list(scope.with_callbacks.values())
         if self._had_loop.is_set() or all(getattr(entity, "is_canceled", False) for entity in entities):
@@ -141,7 +141,7 @@ class ContextCore:
 
     @property
     def scopes(self) -> list[EntityScope]:
-        """Scopes (owners of the entities) of all open nodes."""
+        """Scopes of all open nodes; a scope owns the entities of its node."""
         return [node._scope for node in list(self._nodes.values())]
 
     def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> EntityScope:
@@ -227,7 +227,9 @@ class ContextCore:
 
 
 def resolve_transport(transport: Transport | str | None) -> Transport:
-    """Return the transport that an argument names or is; None selects the transport by ``RMW_IMPLEMENTATION``.
+    """Return the transport for a name or a transport object.
+
+    If the argument is None, ``RMW_IMPLEMENTATION`` selects the transport.
 
     Raises:
         TypeError: the argument is neither a known name nor a transport object.
@@ -319,7 +321,9 @@ class Context:
 
     @property
     def library_capabilities(self) -> Mapping[str, str]:
-        """Features that depend on the DDS library -> ``"yes"``, or the reason why a feature is unavailable."""
+        """Features that depend on the DDS library, each with ``"yes"``, or with the reason why the feature is
+        unavailable.
+        """
         return self._core.participant.capabilities
 
     @property
@@ -329,7 +333,8 @@ class Context:
 
     @property
     def on_incompatible_endpoint(self) -> Callable[[str, str], None] | None:
-        """Function that is called instead of writing a log entry when an own endpoint and a peer are incompatible.
+        """Function that is called when an endpoint of this context and a peer are incompatible, instead of writing a
+        log entry.
 
         Its arguments are a sentence about the reason, and the name of the topic or service.
         """
@@ -356,7 +361,10 @@ class Context:
 
     @classmethod
     def _forget_default(cls, core: ContextCore) -> None:
-        """Make `default` open a new context if `core` is the default now. Lock: _default_lock must be held."""
+        """Make the next call of `default` open a new context, if `core` is the default context now.
+
+        Lock: _default_lock must be held.
+        """
         if cls._default is not None and cls._default._core is core:
             cls._default = None
 
@@ -402,7 +410,9 @@ class Context:
 
 
 def reserve_default_context() -> Context:
-    """Return the default context with a reservation: it stays open until `adopt` or `close_if_unused` is called."""
+    """Return the default context, and keep it open until `adopt` or `close_if_unused` is called for this
+    reservation.
+    """
     with Context._default_lock:
         context = Context.default()
         context._core.reservations += 1
@@ -423,7 +433,9 @@ def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def close_all() -> None:
-    """Close all contexts before the process ends, so that peers notice at once and no DDS thread outlives Python."""
+    """Close all contexts before the process ends, so that peers notice the end at once and no DDS thread runs longer
+    than Python.
+    """
     for core in list(open_contexts):
         core.close()
 

@@ -32,7 +32,8 @@ _RMW_TO_TRANSPORT = {
     "rmw_fastrtps_dynamic_cpp": DDS,
     "rmw_zenoh_cpp": ZENOH,
 }
-"""Value of ``RMW_IMPLEMENTATION`` -> transport; all DDS implementations are interoperable."""
+"""Transports by value of ``RMW_IMPLEMENTATION``; all DDS implementations are interoperable, so they select the same
+transport."""
 SECURITY_FILES = {
     "identity_ca.cert.pem": "certificate of the CA that issues the certificates of all peers",
     "cert.pem": "certificate of the enclave",
@@ -41,7 +42,7 @@ SECURITY_FILES = {
     "governance.p7s": "signed rules of the domain",
     "permissions.p7s": "signed permissions of the enclave",
 }
-"""Name -> purpose of each file that a security enclave (SROS 2) must have."""
+"""Files that a security enclave (SROS 2) must have, by name, each with its purpose for error texts."""
 _DISABLED = ("", "false", "0", "no", "off")
 _MAX_LISTED_ENCLAVES = 5
 _MAX_FOLDERS = 1000
@@ -108,9 +109,9 @@ def _check_domain_id(origin: str, number: int | None, value: object) -> int:
 
 
 def _parse_unsigned(text: str) -> int | None:
-    """Parse a number like C's strtoul with base 0 (decimal, 0x hexadecimal, leading 0 octal); return None if invalid.
+    """Parse a number like C's strtoul with base 0: decimal, hexadecimal with 0x, octal with a leading 0.
 
-    An empty text is 0.
+    Returns None if the text is not such a number. An empty text is 0.
     """
     digits = text.strip(" \t\n\v\f\r")
     if not digits:
@@ -211,7 +212,7 @@ def find_security(
 
 
 def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | None]:
-    """Return "" and the folder of the enclave, or the reason why there is no complete enclave, and None.
+    """Return the folder of a complete enclave, after an empty text; otherwise the reason why there is none, and None.
 
     Raises:
         SecurityError: a file of the enclave cannot be read or is damaged.
@@ -240,7 +241,9 @@ def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | 
 
 
 def _check_file(file: Path, purpose: str) -> None:
-    """Raise `SecurityError` if a file of an enclave cannot be read or has another format; rcl fails then, too."""
+    """Raise `SecurityError` if a file of an enclave cannot be read or has a wrong format, which makes rcl
+    fail as well.
+    """
     try:
         with file.open("rb") as content:
             head = content.read(1 << 20)
@@ -275,7 +278,7 @@ def _check_certificates(folder: Path) -> None:
 
 
 def _known_enclaves(root: Path) -> str:
-    """Return the end of an error message, which lists the enclaves of a keystore."""
+    """Return a sentence for the end of an error message that lists the enclaves of a keystore."""
     if not root.is_dir():
         return f"; ROS_SECURITY_KEYSTORE={str(root.parent)!r} is not a keystore, as it has no folder enclaves"
     found: list[str] = []

@@ -1,4 +1,5 @@
-"""Public class for nodes: creates publishers and subscriptions, and inherits the other methods from mixin classes.
+"""Public class for nodes, `Node`, which creates publishers and subscriptions, and inherits other methods from mixin
+classes.
 
 Entities do not know their node. Only lifecycle nodes, the runner and the pytest plugin import this module.
 """
@@ -167,7 +168,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             _start_rosout(self._scope, qos)
 
     def _finish_open(self) -> None:
-        """Start the additions of a subclass, which overrides the method; the node is closed if the method raises."""
+        """Hook for subclasses, which start their additions here; if the method raises, the node is closed."""
 
     @property
     def name(self) -> str:

@@ -12,7 +12,10 @@ if TYPE_CHECKING:
 
 
 class NodeBase:
-    """Declaration of the attributes that all methods of `Node` use; the constructor of `Node` sets them."""
+    """Base class that declares the attributes which all methods of `Node` use.
+
+    The constructor of `Node` sets the attributes.
+    """
 
     _scope: EntityScope
     _names: NodeNames

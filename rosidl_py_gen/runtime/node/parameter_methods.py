@@ -140,7 +140,9 @@ class ParameterMethods(NodeBase):
         )
 
     def _may_declare_more(self) -> bool:
-        """Return True while the node may still declare parameters: then unused initial values cause no warning yet."""
+        """Return True while the node may still declare parameters, so that unused initial values cause no
+        warning yet.
+        """
         return False
 
     def declare_parameters(
@@ -286,10 +288,10 @@ class ParameterMethods(NodeBase):
         return self._store.describe(require_name(name))
 
     def get_parameters_by_prefix(self, prefix: str = "") -> dict[str, Parameter]:
-        """Return name without prefix -> `Parameter`, for all parameters below a prefix; ``""`` returns all parameters.
+        """Return all parameters below a prefix as a dict from name without prefix to `Parameter`.
 
-        The parameters are read at one moment, and may have no value. For ``arm`` and ``arm.speed``, the prefix ``arm``
-        returns only ``speed``.
+        The empty prefix returns all parameters. The parameters are read at one moment, and may have no value. For
+        ``arm`` and ``arm.speed``, the prefix ``arm`` returns only ``speed``.
         """
         start = f"{require_name(prefix, 'a prefix')}{SEPARATOR}" if prefix else ""
         values = self._store.values().items()
@@ -315,10 +317,10 @@ class ParameterMethods(NodeBase):
             raise InvalidParameterValueError(result.reason)
 
     def set_parameters(self, values: ParametersToSet, *, require_declared: bool = False) -> list[SetResult]:
-        """Set parameters one after the other, from any thread; return a result for each.
+        """Set parameters one after the other, from any thread; return a result for each parameter.
 
         Args:
-            values: name -> value, or `Parameter` objects.
+            values: dict from name to value, or `Parameter` objects.
             require_declared: raise for an undeclared name, unless the node allows undeclared parameters; earlier
                 parameters remain set. Otherwise the result for that name is a refusal.
 
@@ -337,7 +339,8 @@ class ParameterMethods(NodeBase):
         return self._store.set_atomically(self._coerce_empty_lists(values), require_declared=require_declared)
 
     def _coerce_empty_lists(self, values: ParametersToSet) -> list[Parameter]:
-        """Return the parameters to set, in which empty lists, which have no element type, get the declared type.
+        """Return the parameters to set, in which an empty list gets the declared type, because it has no element type
+        of its own.
 
         Raises:
             ClosedError: the node is closed.
@@ -436,7 +439,9 @@ class ParameterMethods(NodeBase):
         return ParameterServices(self._scope, self._store, self.context._core.initial_values.on_listed)
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
-        """Return the events that a node, or with None every node, publishes on ``/parameter_events`` from now on."""
+        """Return an async iterator of the events that a node, or with None every node, publishes on
+        ``/parameter_events`` from now on.
+        """
         from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
         full_name = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))

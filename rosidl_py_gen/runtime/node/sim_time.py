@@ -1,4 +1,4 @@
-"""Methods of a node for timers, rates and simulated time, and the classes that follow and publish simulated time.
+"""Methods of a node for timers, rates and simulated time, and classes that receive and publish simulated time.
 
 Source: docs/internals/protocol.md 9.6.
 """
@@ -34,7 +34,7 @@ NOT_BOOL_REASON = "use_sim_time parameter set to something besides a bool"
 
 
 class TimeSource:
-    """Connection of a node's clock to ``/clock``, controlled by the parameter `use_sim_time`."""
+    """Updater of a node's clock, which subscribes to ``/clock`` while the parameter `use_sim_time` is true."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
         self._scope = scope

@@ -1,8 +1,10 @@
-"""Callbacks and validators around setting parameters: registration, calls, and checks of their return values.
+"""Callbacks and validators that are called when parameters are set: registration, calls, and checks of their return
+values.
 
-If a callback raises, the set is refused with a reason that names the function, and the traceback is logged; callbacks
-that were added with `raises` raise to the caller of the set. Exceptions of post-set callbacks do not undo the set. All
-callbacks run on the thread that sets, each in a copy of the thread's `contextvars` context.
+If a callback raises, the parameters are not set: the change is refused with a reason that names the function, and the
+traceback is logged. Exceptions of callbacks that were added with `raises` are raised to the caller instead. Exceptions
+of callbacks after the change do not undo it. All callbacks run on the thread that sets, each in a copy of the thread's
+`contextvars` context.
 """
 
 from __future__ import annotations
@@ -97,7 +99,7 @@ class _Callback(NamedTuple):
     raises: bool
 
     def call(self, subject: str, parameters: Sequence[Parameter]) -> Any:
-        """Call the callback with a list of parameters, and return its result.
+        """Call the callback of the user with a list of parameters, and return its result.
 
         Raises:
             RefusedError: the callback raised, and was not added with `raises`; else its exception is raised.
@@ -108,7 +110,7 @@ class _Callback(NamedTuple):
 
 
 class SetCallbacks:
-    """Callbacks around setting the parameters of one store. Thread: any."""
+    """Callbacks that are called when parameters of one node are set. Thread: any."""
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
@@ -116,7 +118,8 @@ class SetCallbacks:
             kind: RegistrationSet() for kind in ("pre-set", "on-set", "post-set", "bound-object")
         }
         self.preparing = False
-        """True while bound objects (of `declare_parameters`) check a set: their validators must not set parameters."""
+        """True while the objects that `declare_parameters` returns check new values; their validators must not set
+        parameters then."""
 
     def add(self, kind: str, callback: Callable[..., Any], *, raises: bool = False) -> Registration:
         """Register a function to be called around each set of parameters, until the returned registration is closed.
@@ -138,7 +141,8 @@ class SetCallbacks:
         return self._callbacks[kind].add(_Callback(callback, raises))
 
     def run_pre_set(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Call the pre-set callbacks, and return the joined lists of parameters that they return.
+        """Call the pre-set callbacks, which may replace the parameters to set, and return the joined lists of
+        parameters that they return.
 
         Raises:
             RefusedError: the result is empty, or a callback raised.
@@ -161,10 +165,12 @@ class SetCallbacks:
         return result
 
     def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
-        """Call the on-set callbacks, the newest first, then the callbacks of bound objects (of `declare_parameters`).
+        """Call the on-set callbacks, newest first, then the objects that `declare_parameters` has returned.
+
+        All may refuse the parameters.
 
         Returns:
-            last result, and functions to call once the values are stored.
+            The last result, and functions to call once the values are stored.
 
         Raises:
             RefusedError: a callback refused the parameters, or raised.
@@ -190,7 +196,7 @@ class SetCallbacks:
         return [commit for commit in commits if commit is not None]
 
     def run_post_set(self, parameters: Sequence[Parameter]) -> None:
-        """Call the post-set callbacks, the newest first.
+        """Call the post-set callbacks, newest first, after parameters were set or declared.
 
         Exceptions of callbacks are logged, except for the first exception of a callback that was added with `raises`,
         which is raised after all calls.

@@ -72,7 +72,8 @@ if TYPE_CHECKING:
 _FIRST_BATCH = 50
 _MAX_BATCH = 1000
 _SMALL = 1 << 18
-"""Size of the values in a response, in characters and elements, up to which the next request asks for twice as many."""
+"""Size of the values in a response, in characters and elements, up to which the next request asks for twice as many
+parameters."""
 T = TypeVar("T")
 
 
@@ -242,7 +243,7 @@ class ParameterClient(CompositeEntity):
     describe_sync = blocking(describe)
 
     def _select(self, names: str | Sequence[str], requested: list[str], items: list[T]) -> T | list[T]:
-        """Return the items of a response, or for a single name its item.
+        """Return the items of a response for a list of names, or the only item for a single name.
 
         Raises:
             ParameterNotDeclaredError: the response is empty.
@@ -294,7 +295,7 @@ class ParameterClient(CompositeEntity):
     set_sync = blocking(set)
 
     async def _read_all(self, timeout_s: float | None) -> dict[str, ParameterValue]:
-        """Return name -> value of all parameters of the remote node that have a value.
+        """Return the values of all parameters of the remote node that have a value, by name.
 
         Raises:
             CallTimeoutError: a reply did not arrive within `timeout_s`, which is for all requests together.
@@ -317,7 +318,7 @@ class ParameterClient(CompositeEntity):
         return result
 
     async def _read_batch(self, names: list[str], deadline: Deadline) -> dict[str, ParameterValue]:
-        """Return the values of those parameters that have one, with further requests if necessary.
+        """Return the values of those of the requested parameters that have a value, with further requests if necessary.
 
         A node returns no value at all if one of the requested parameters has no value.
         """
@@ -365,7 +366,10 @@ class ParameterClient(CompositeEntity):
         return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
-        """Return the parameter with integers converted to doubles if the remote parameter has doubles, else as is."""
+        """Return the parameter with integers converted to doubles if the remote parameter is declared as double.
+
+        Returns the parameter unchanged otherwise.
+        """
         name, value = parameter
         if value.type not in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY):
             return parameter
@@ -373,7 +377,10 @@ class ParameterClient(CompositeEntity):
         return parameter if double is value else Parameter(name, double)
 
     async def _with_array_types(self, parameters: list[Parameter], deadline: Deadline) -> list[Parameter]:
-        """Return the parameters; empty lists (here empty byte arrays) get the array type of the remote parameter."""
+        """Return the parameters, in which an empty list gets the array type of the remote parameter.
+
+        An empty list is stored as an empty byte array, because its element type is unknown.
+        """
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
@@ -410,7 +417,7 @@ class ParameterClient(CompositeEntity):
     list_sync = blocking(list)
 
     async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
-        """Set the values that a parameter file has for the remote node, each separately; return name -> result.
+        """Set the values that a parameter file has for the remote node, each separately; return the results by name.
 
         A read-only parameter that already has the value of the file counts as set, so that the text of `dump_yaml` can
         be loaded.
@@ -441,7 +448,10 @@ class ParameterClient(CompositeEntity):
     async def _ignore_unchanged_read_only(
         self, name: str, value: ParameterValue, refused: SetResult, deadline: Deadline
     ) -> SetResult:
-        """Return a success if a parameter is read-only and already has the value of the file, else a refusal."""
+        """Return success for a refused parameter if it is read-only and already has the value of the file.
+
+        Returns the refusal otherwise.
+        """
         if not any(item.read_only for item in await self._get_descriptors([name], deadline.remaining_s())):
             return refused
         values = await self._get_values([name], deadline.remaining_s())
@@ -457,7 +467,9 @@ class ParameterClient(CompositeEntity):
         return SetResult(False, f"it is read-only with {actual.value!r:.100}; the file has {value.value!r:.100}")
 
     async def get_all(self, timeout_s: float | None = None) -> dict[str, PythonValue]:
-        """Return name -> value of all remote parameters that have a value; `timeout_s` is for all requests together.
+        """Return the values of all remote parameters that have a value, by name.
+
+        `timeout_s` is for all requests together.
 
         Raises:
             CallTimeoutError: no reply arrived within `timeout_s`.

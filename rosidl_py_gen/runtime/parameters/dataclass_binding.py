@@ -1,11 +1,11 @@
-"""Binding of a dataclass to the parameters of a store.
+"""Objects that show the parameters of a node as attributes of a dataclass.
 
-`bind_class` declares each field as a parameter, and returns a parameter object, typed as the dataclass, whose
-attributes follow all sets. The parameter object is a proxy of one immutable instance of the dataclass. A set is checked
-on a new complete instance, which then replaces the current instance, so neither is ever partially updated. Assigning to
-an attribute sets the parameter. Methods of the class get the proxy as `self`, so they may assign; all else, properties
-included, is read from the instance. `isinstance` and the functions of `dataclasses` need an instance, which `snapshot`
-returns.
+`bind_class` declares each field of a dataclass as a parameter, and returns a parameter object, typed as the dataclass,
+whose attributes always have the current values. The parameter object is a proxy of one immutable instance of the
+dataclass. New values are checked on a new complete instance, which then replaces the current instance, so neither is
+ever partially updated. Assigning to an attribute sets the parameter. Methods of the class get the proxy as `self`, so
+they may assign; all else, properties included, is read from the instance. `isinstance` and the functions of
+`dataclasses` need an instance, which `snapshot` returns.
 """
 
 from __future__ import annotations
@@ -37,9 +37,10 @@ T = TypeVar("T")
 
 
 class ParameterProxy:
-    """Parameter object: proxy of a dataclass instance, which sets replace, or of the nested object at `path` in it.
+    """Parameter object: proxy of an immutable dataclass instance, which is replaced when parameters are set.
 
-    Attributes of the proxy itself have names that fields cannot have.
+    With `path`, the proxy represents the nested object at this path of attributes. Attributes of the proxy itself have
+    names that fields cannot have.
     """
 
     __slots__ = ("__binding__", "__path__")
@@ -87,14 +88,17 @@ class ParameterProxy:
 
 
 def current(value: Any) -> Any:
-    """Return the current instance behind a parameter object, which must not be changed; return other values as is."""
+    """Return the current dataclass instance of a parameter object, which must not be changed.
+
+    Returns other values unchanged.
+    """
     if not isinstance(value, ParameterProxy):
         return value
     return follow(value.__binding__.current, value.__path__)
 
 
 def follow(value: Any, path: tuple[str, ...]) -> Any:
-    """Return the object that a path of attribute names leads to, beginning at `value`."""
+    """Return the object that is reached from `value` by a path of attribute names."""
     return functools.reduce(getattr, path, value)
 
 
@@ -151,7 +155,7 @@ class FixedList(list[Any]):
 
 
 class _ParameterBinding:
-    """Binding of one parameter object (of `declare_parameters`) to the parameters of a store."""
+    """Connection of one parameter object (of `declare_parameters`) to the parameters of a node."""
 
     def __init__(self, store: ParameterStore, cls: type, prefix: str, validator: Callable[[Any], str | None] | None):
         self.store = store
@@ -165,10 +169,10 @@ class _ParameterBinding:
     # Order of a set: on-set callbacks, prepare, store, commit, event, post-set callbacks.
 
     def prepare(self, changes: Mapping[str, ParameterValue]) -> Commit | None:
-        """Check changed values on a new instance of the dataclass.
+        """Check changed parameter values on a new instance of the dataclass.
 
         Returns:
-            function that makes the new instance the current one; None if the values are of other parameters.
+            A function that makes the new instance the current one; None if no value belongs to the dataclass.
 
         Raises:
             RefusedError: a validator refuses the values, or their types differ from the fields' types.
@@ -186,7 +190,9 @@ class _ParameterBinding:
         return commit
 
     def _refuse_other_types(self, values: Mapping[str, ParameterValue]) -> None:
-        """Raise `RefusedError` if a type differs from its field's: the parameter was undeclared and declared again."""
+        """Raise `RefusedError` if a value has another type than its field, as after the parameter was undeclared and
+        declared again.
+        """
         for name, value in values.items():
             field = self.fields[name]
             if value.type is not field.kind and (value.is_set or not field.annotation.optional):
@@ -216,7 +222,7 @@ class _ParameterBinding:
         return instance
 
     def set(self, changes: Mapping[tuple[str, ...], Any]) -> None:
-        """Set the parameters at the given attribute paths.
+        """Set the parameters that belong to the given attribute paths of the dataclass.
 
         Raises:
             ParameterImmutableError: a parameter is read-only.
@@ -232,7 +238,10 @@ class _ParameterBinding:
         raise InvalidParameterValueError(result.reason)
 
     def _parameters(self, path: tuple[str, ...], value: Any) -> list[Parameter]:
-        """Return the parameters at or below an attribute path, with the values that `value` or its attributes have."""
+        """Return the parameters of the field at an attribute path; a nested dataclass has one for each field below.
+
+        Their values are `value`, or the attributes of `value`.
+        """
         if path in self.groups:
             _require_instance(".".join(path), value, type(follow(self.current, path)))
         fields = [field for field in self.fields.values() if field.path[: len(path)] == path]

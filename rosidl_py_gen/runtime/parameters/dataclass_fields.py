@@ -179,7 +179,9 @@ class ParameterField:
 
 
 def _enum_by_value(enum: type[Enum]) -> bool:
-    """Return True if an Enum is converted by the values of its members: all are str, or all are int; others by name."""
+    """Return True if members of an Enum are stored as parameters by their values (all str, or all int), and not by
+    their names.
+    """
     kinds = {type(member.value) for member in enum}
     return len(kinds) == 1 and kinds <= {str, int}
 

@@ -1,7 +1,7 @@
 """Reader and writer of parameter files, in the YAML dialect of rcl.
 
 Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So the YAML library only
-separates plain from quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged
+separates plain from quoted scalars, and `plain_scalar` converts plain scalars. Scalars that are quoted or tagged
 ``!!str`` are strings; other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as
 in `get_value` of parse.c of rcl_yaml_param_parser. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide
 about the type.
@@ -55,15 +55,16 @@ _TYPE_TAGS = {
     "tag:yaml.org,2002:int": ParameterType.INTEGER,
     "tag:yaml.org,2002:float": ParameterType.DOUBLE,
 }
-"""YAML tag -> type of the parameter, for tags that rcl obeys since Lyrical."""
+"""Types of parameters by the YAML tags that rcl obeys since Lyrical."""
 _MAX_LEVELS = 500
 """Maximum depth of nested maps in a parameter file (names of nodes and groups); rcl has no limit."""
 _MAX_BYTES = 1 << 28
 """Maximum size of a parameter file: `dump_parameters` may write large texts, such as maps."""
 _NAMESPACE_TOKEN = re.compile(r"[A-Za-z_]\w{0,199}\Z", re.ASCII)
-"""Pattern of a valid part of a namespace; longer parts may be valid as well."""
+"""Regular expression for a valid part of a namespace; longer parts may be valid as well."""
 _MAX_NAME_CHARACTERS = 1 << 26
-"""Maximum length of all names of nodes and parameters of a file together. Nested maps repeat the names of groups."""
+"""Maximum length of all names of nodes and parameters of a file together. It is limited because nested maps repeat the
+names of groups."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"[+-]?(?:(?P<hex>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|(?P<decimal>[1-9][0-9]*))\Z")
@@ -76,7 +77,7 @@ _MAX_WRITTEN_LEVELS = 16
 _MAX_SIMPLE_KEY = 900
 """Maximum length of a key before a colon; longer keys follow a question mark. libyaml reads up to 1024 characters."""
 _PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
-"""Pattern of a string that has the same meaning in YAML with and without quotes, also in a list."""
+"""Regular expression for a string that has the same meaning in YAML with and without quotes, also in a list."""
 
 
 # ----------------------------------------------------------------------------------------------------------- scalars
@@ -104,7 +105,10 @@ def plain_scalar(text: str) -> ParameterValue:
 
 
 def _float(text: str) -> float | None:
-    """Convert a number like C's strtod, plus ``.nan`` and ``.inf``; None if it is not a number, or out of range."""
+    """Convert a text to a number like C's strtod, which also reads ``.nan`` and ``.inf``.
+
+    Returns None if the text is not a number, or the number is out of range.
+    """
     infinite = _INFINITE.match(text)
     if infinite:
         return -math.inf if infinite["sign"] == "-" else math.inf
@@ -136,7 +140,9 @@ def underflows(text: str, value: float) -> bool:
 
 
 def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverrides]:
-    """Parse the text of a parameter file; return the values for each node key.
+    """Parse the text of a parameter file.
+
+    Returns the values by node key, the name or pattern of nodes to which they apply.
 
     Args:
         text: contents of the file.
@@ -151,7 +157,7 @@ def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverr
 
 
 def read_parameter_file(path: Path) -> list[ParameterOverrides]:
-    """Read and parse a parameter file; return the values for each node key.
+    """Read and parse a parameter file; return the values by node key, the name or pattern of nodes to which they apply.
 
     Raises:
         ParameterFileError: the file is not a parameter file, or not in UTF-8.
@@ -178,8 +184,10 @@ def parse_parameter_value(text: str) -> ParameterValue:
 class ParameterTable:
     """Parameters of nodes from files and ``-p`` arguments, combined as rcl combines them.
 
-    - Later values replace earlier ones below the same node key. rcl has one slot for each type, so that a later value
-      of another type is read only if its type precedes the other type in `_PRECEDENCE`.
+    A node key is a name of a node, or a pattern such as ``/**``, to which values apply.
+
+    - Later values replace earlier ones for the same node key. rcl has one slot for each type, so a later value of
+      another type is read only if its type precedes the other type in `_PRECEDENCE`.
     - Node keys are compared as they are written: ``show`` and ``/show`` are two. `overrides` returns the keys in the
       order of their first appearance; of several keys that match a node, the last one wins.
     """
@@ -229,14 +237,17 @@ class ParameterTable:
             raise ParameterFileError("<value>: empty value; for an empty string write \"''\" in a shell")
 
     def node(self, key: str, source: str) -> _NodeValues:
-        """Return the values below a node key; values added to the result come from `source` (a file or argument)."""
+        """Return the collection of values for a node key.
+
+        Values added to it are recorded with `source`, a file or argument.
+        """
         node = self._nodes.setdefault(key, _NodeValues(key))
         node.sources.setdefault(source)
         node.source = source
         return node
 
     def overrides(self) -> list[ParameterOverrides]:
-        """Return the values that rcl reads, for each node key and each source (file or argument) with that key."""
+        """Return the values that rcl would read, for each node key and each source (file or argument) with that key."""
         overrides: list[ParameterOverrides] = []
         for node in self._nodes.values():
             values: dict[str, dict[str, ParameterValue]] = {source: {} for source in node.sources}
@@ -247,7 +258,7 @@ class ParameterTable:
         return overrides
 
     def warnings(self) -> list[str]:
-        """Return a sentence for each value that is not used because of an earlier value of another type."""
+        """Return a sentence for each value that rcl would ignore because of an earlier value of another type."""
         return [
             f"{source} sets the parameter {name} = {value.value!r:.100} of {node.key}, which is ignored as in rcl: "
             f"{used_source} has {used.value!r:.100} of another type; give all values of a parameter the same type"
@@ -259,7 +270,9 @@ class ParameterTable:
 
 
 class _Slot:
-    """Values of one parameter as rcl stores them: one for each type, each with its source (file or argument)."""
+    """Values of one parameter name as rcl stores them: one value for each type, each with its source (file or
+    argument).
+    """
 
     def __init__(self, node: _NodeValues) -> None:
         self._node = node
@@ -276,14 +289,20 @@ class _Slot:
         self._is_empty_list = True
 
     def value_and_source(self) -> tuple[ParameterValue, str]:
-        """Return the value that rcl reads, and its source; without a value, an empty list or NOT_SET (empty map)."""
+        """Return the value that rcl reads, and its source.
+
+        If there is no value, the result is an empty list or, for an empty map, NOT_SET.
+        """
         for type_ in _PRECEDENCE:
             if type_ in self._values:
                 return self._values[type_]
         return parameter_value([]) if self._is_empty_list else ParameterValue(), self._source
 
     def ignored(self) -> list[tuple[ParameterValue, str]]:
-        """Return a list of the last value and its source if rcl reads another value, else an empty list."""
+        """Return a list of the last value and its source if rcl ignores it and reads another value.
+
+        Returns an empty list otherwise.
+        """
         last = list(self._values.values())[-1:]
         return [] if last == [self.value_and_source()] else last
 
@@ -303,7 +322,7 @@ _PRECEDENCE = (
 
 
 class _NodeValues:
-    """Parameters below one node key.
+    """Parameters for one node key in files and arguments.
 
     rcl stores a list of slots (one for each parameter name). The slot of a group gets the name of the group's first
     parameter, and the next parameter of the group gets a new slot. So names in groups may appear twice, and the later
@@ -322,16 +341,16 @@ class _NodeValues:
         self._names: list[str] = []
         self._slots: list[_Slot] = []
         self._indexes: dict[str, list[int]] = {}
-        """Name -> heap of the indexes of all slots with that name."""
+        """Indexes of all slots with a name, as a heap for each name."""
 
     def slot(self, name: str) -> _Slot:
-        """Return the first slot with a name; add a slot if there is none."""
+        """Return the first slot with a name, after adding one if there is none."""
         return self._slots[self._index(name)]
 
     def member_slot(self, group: str, name: str) -> tuple[str, _Slot]:
-        """Give the first slot of a group the name of a member of the group, as rcl does; return full name and slot.
+        """Rename the first slot of a group to the name of a member of the group, as rcl does.
 
-        If the group has no slot, a slot is added.
+        Returns full name and slot. If the group has no slot, a slot is added.
         """
         index = self._index(group)
         heapq.heappop(self._indexes[group])
@@ -352,9 +371,9 @@ class _NodeValues:
 
 
 class _Path:
-    """Names of nested maps, joined and shortened as in namespace.c of rcl_yaml_param_parser.
+    """Names of nested maps joined to one text, with the rules of namespace.c of rcl_yaml_param_parser.
 
-    `pop` cuts at the last separator; so if a name itself contains a separator, only its last part is removed.
+    `pop` cuts the text at the last separator; if a name itself contains a separator, only its last part is removed.
     """
 
     def __init__(self, separator: str) -> None:
@@ -368,7 +387,7 @@ class _Path:
         self.text, self.count = self.text + name if self.count else name, self.count + 1
 
     def replace(self, text: str) -> None:
-        """Replace the joined names by `text`, and increase the number of names by one."""
+        """Replace the joined names by `text`, and increment the counter of names."""
         self.text, self.count = text, self.count + 1
 
     def pop(self) -> None:
@@ -395,7 +414,7 @@ class _ValueReader:
         return self._list_start is not None
 
     def read(self, event: yaml.Event) -> bool:
-        """Read a YAML event; return True if the value is complete."""
+        """Process the next YAML event of the value; return True if the value is complete."""
         if isinstance(event, yaml.ScalarEvent):
             try:
                 if self._list_start is None:
@@ -447,7 +466,7 @@ class _FileReader:
         self._is_in_section = False
         """True while rcl takes keys for names of parameters; False already after an empty map, as in rcl."""
         self._section_key: yaml.ScalarEvent | None = None
-        """Event of the key ``ros__parameters`` if the map below it must follow next."""
+        """Event of the key ``ros__parameters`` if the next event must begin the map for this key."""
         self._is_key = True
         self._is_new_map = False
         self._map_start: yaml.Event | None = None
@@ -636,7 +655,8 @@ def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterVal
 def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
     """Split a parameter name at its dots into keys of nested maps.
 
-    The rest of the name is one key from a group on that has the name of a parameter, or from an empty part on.
+    If a parameter has the name of a group, or a part of the name is empty, the rest of the name from there on is one
+    key.
     """
     parts = name.split(".", _MAX_WRITTEN_LEVELS)
     prefix = ""

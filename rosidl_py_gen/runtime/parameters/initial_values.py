@@ -45,7 +45,8 @@ class ParameterOverrides:
             return self.pattern == fully_qualified_name
         tokens = fully_qualified_name.split("/")[1:]
         ends = {0}
-        """Numbers of name parts that the pattern so far can match. A regular expression could take exponential time."""
+        """Numbers of name parts that the beginning of the pattern can match. A regular expression could take
+        exponential time."""
         for part in self.pattern.split("/")[1:]:
             if part == "**":
                 ends = set(range(min(ends), len(tokens) + 1))
@@ -57,14 +58,17 @@ class ParameterOverrides:
 
 
 def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:
-    """Return name -> initial value for one node; later entries override earlier ones."""
+    """Return the initial parameter values for one node by name; later entries override earlier ones."""
     matching = (entry.values for entry in entries if entry.matches(fully_qualified_name))
     return {name: value for values in matching for name, value in values.items()}
 
 
 @dataclass(slots=True, eq=False)
 class _OpenNode:
-    """Open node whose use of initial values is observed; the node's scope closes the object with the node."""
+    """Open node of which is recorded which initial values it uses.
+
+    The node's scope closes this object together with the node.
+    """
 
     scope: EntityScope
     store: ParameterStore
@@ -77,7 +81,7 @@ class _OpenNode:
 
 @dataclass(slots=True, eq=False)
 class _OverrideSource:
-    """Initial values of one origin: one `-p`, a file for one node key, or `parameter_overrides` of one node.
+    """Initial parameter values of one origin: one `-p`, a file for one node key, or `parameter_overrides` of one node.
 
     Attributes:
         parameters: the values, with their origin.

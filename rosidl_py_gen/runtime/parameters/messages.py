@@ -32,7 +32,7 @@ _UNSET = ParameterValue()
 _DEFAULTS = (0, False, 0, 0.0, "", *(np.zeros(0, kind) for kind in (np.uint8, np.bool_, np.int64, np.float64)))
 _SCALARS = ("bool", "integer", "double", "string")
 _MEMBERS = ("", *(f"{name}_value" for name in (*_SCALARS, "byte_array", *(f"{name}_array" for name in _SCALARS))))
-"""Type number -> name of the field with the value in rcl_interfaces/ParameterValue."""
+"""Names of the fields of rcl_interfaces/ParameterValue that contain the value, by type number."""
 _BYTE_ARRAY = 5
 
 

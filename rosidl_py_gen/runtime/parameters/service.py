@@ -143,7 +143,10 @@ class ParameterServices:
         return srv.SetParametersAtomically_Response(result=self._set_all(request.parameters))
 
     def _set_all(self, parameters: Sequence[msg.Parameter]) -> msg.SetParametersResult:
-        """Set all parameters of a request or none; an exception becomes a refusal, so that the client gets a reply."""
+        """Set all parameters of a request or none.
+
+        If a callback raises, refuse the request, so that the client gets a reply.
+        """
         try:
             return result_to_message(self._store.set_atomically([requested_parameter(item) for item in parameters]))
         except InvalidParameterValueError as error:

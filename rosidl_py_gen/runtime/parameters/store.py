@@ -55,7 +55,7 @@ class ParameterStore:
 
     Args:
         overrides: values from arguments, files and the constructor, which replace the defaults of declarations.
-        sources: name of an override -> file or argument that sets it, which is named if the value is refused.
+        sources: file or argument that sets an override, by name; error texts name it if the value is refused.
         allow_undeclared: setting an unknown name declares it, reading an unknown name returns NOT_SET.
         on_event: called for each atomic set and each declaration, after the values are stored.
         on_failure: called with a description while the exception of a callback is handled; logs by default.
@@ -85,7 +85,8 @@ class ParameterStore:
         self._on_failure = on_failure
         self.callbacks = SetCallbacks(on_failure)
         self._batch: list[tuple[ParameterEvent, Sequence[Parameter]]] | None = None
-        """Changes in a block of `declare_batch`, whose events and post-set calls follow at its end. Lock: lock."""
+        """Changes made in a block of `declare_batch`; their events and post-set callbacks follow when the block ends.
+        Lock: lock."""
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
@@ -148,7 +149,9 @@ class ParameterStore:
 
     @contextlib.contextmanager
     def _naming_source(self, source: str) -> Iterator[None]:
-        """Add the source (file or argument) of a refused initial value, if it is known, to the error of a block."""
+        """Run a block, and add the file or argument that sets a refused initial value, if it is known, to the error of
+        the block.
+        """
         try:
             yield
         except (InvalidParameterValueError, WrongParameterTypeError) as error:
@@ -159,10 +162,10 @@ class ParameterStore:
 
     @contextlib.contextmanager
     def declare_batch(self) -> Iterator[list[str]]:
-        """Combine the declarations of a ``with`` block, whose names the caller appends to the list that the block gets.
+        """Combine the declarations in a ``with`` block.
 
-        Events and post-set calls follow at the end of the block. If the block raises, the declarations are undone,
-        without events and calls.
+        The block gets a list, to which the caller appends the declared names. Events and post-set callbacks follow at
+        the end of the block. If the block raises, the declarations are undone, without events and callbacks.
         """
         declared: list[str] = []
         batch: list[tuple[ParameterEvent, Sequence[Parameter]]] = []
@@ -186,7 +189,9 @@ class ParameterStore:
                     calls.callback(self.callbacks.run_post_set, parameters)
 
     def _run_validation(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
-        """Call the on-set callbacks and the bound objects; return the last result, and functions to call after storing.
+        """Call the on-set callbacks and the objects of `declare_parameters`.
+
+        Returns the last result, and functions to call after storing.
 
         Raises:
             RefusedError: `reason` is not empty, a callback refuses the parameters, or a validator tries to set
@@ -312,7 +317,10 @@ class ParameterStore:
         return list_names(self._values, prefixes, depth)
 
     def values(self) -> dict[str, ParameterValue]:
-        """Return name -> value of all declared parameters; the value is NOT_SET for a parameter without a value."""
+        """Return the values of all declared parameters by name.
+
+        The value is NOT_SET for a parameter without a value.
+        """
         return dict(self._values)
 
     # --------------------------------------------------------------------------------------------------- setting
@@ -376,7 +384,9 @@ class ParameterStore:
         return parameter.value
 
     def _report(self, refusal: RefusedError) -> None:
-        """Report the exception of a callback that caused a refusal, instead of the `RefusedError` around it."""
+        """Report the exception of a callback that caused a refusal, not the `RefusedError` that was raised because of
+        it.
+        """
         try:
             raise refusal.__cause__ or refusal
         except Exception:
@@ -390,7 +400,7 @@ class ParameterStore:
         return Parameter(name, widened(value, described.type))
 
     def _reason(self, parameters: Sequence[Parameter]) -> str:
-        """Return the reason why the parameters cannot be set; "" if they can."""
+        """Return the reason why the parameters cannot be set; "" if they can be set."""
         missing = self._missing([parameter.name for parameter in parameters])
         if missing:
             return str(ParameterNotDeclaredError(missing))

@@ -1,4 +1,4 @@
-"""Validation of names, descriptors and values of parameters, and listings of names; pure functions.
+"""Validation of names, descriptors and values of parameters, and listings of names; functions without side effects.
 
 Functions with names ``…_reason`` return the reason against a value, or "". Reasons against setting a value are sent to
 other nodes, and equal the texts of rclpy literally. Source: docs/internals/protocol.md 9.3, 9.4.
@@ -78,7 +78,7 @@ def type_reason(expected: str, found: str) -> str:
 
 
 class _Range(Protocol[NumberT]):
-    """Range of numbers: a class of this package, or a message of rcl_interfaces."""
+    """Type of a range of numbers: a class of this package, or a message of rcl_interfaces."""
 
     @property
     def from_value(self) -> NumberT: ...
@@ -104,9 +104,10 @@ def integer_range_reason(name: str, value: int, allowed: _Range[int]) -> str:
 
 
 def float_range_reason(name: str, value: float, allowed: _Range[float]) -> str:
-    """Return the reason why a double is not in a range; "" if it is, with a tolerance of 1e-6 at the ends and steps.
+    """Return the reason why a double is not in a range.
 
-    All values are on a step if steps cannot be counted: they are too small, or the range has no lower end.
+    Returns "" if it is in the range, with a tolerance of 1e-6 at the ends and steps. If steps cannot be counted,
+    because they are too small or the range has no lower end, every value counts as being on a step.
     """
     low, high = min(allowed.from_value, allowed.to_value), max(allowed.from_value, allowed.to_value)
     if any(math.isclose(value, end, rel_tol=RELATIVE_TOLERANCE) for end in (low, high)):
@@ -132,7 +133,7 @@ def name_reason(name: object) -> str:
 
 
 def range_reason(allowed: FloatRange | IntRange | None) -> str:
-    """Return the reason why the range of a descriptor is invalid or cannot be sent; "" if it can, or is None."""
+    """Return the reason why the range of a descriptor is invalid or cannot be sent; "" if it is valid or None."""
     if allowed is None:
         return ""
     numbers = (allowed.from_value, allowed.to_value, allowed.step)
@@ -274,7 +275,10 @@ def apply_descriptor(
 
 
 def coerce_empty_list(value: ParameterValue, descriptor: ParameterDescriptor) -> ParameterValue:
-    """Return an empty list, whose type is unknown in YAML and Python, with the declared array type; others as is."""
+    """Return an empty list, whose element type is unknown in YAML and Python, as the declared array type.
+
+    Other values are returned unchanged.
+    """
     if descriptor.type.is_array and value.type.is_array and not value.value:
         return parameter_value((), descriptor.type)
     return value

@@ -92,7 +92,7 @@ class WrongParameterTypeError(ParameterError, TypeError):
 
 
 class ParameterValue(NamedTuple):  # a frozen dataclass would slow down every set
-    """Value of a parameter with its type; `parameter_value` creates one from a Python value, and checks it."""
+    """Value of a parameter with its type, which `parameter_value` creates from a Python value after checking it."""
 
     type: ParameterType = ParameterType.NOT_SET
     value: PythonValue = None
@@ -104,7 +104,7 @@ class ParameterValue(NamedTuple):  # a frozen dataclass would slow down every se
 
 
 class Parameter(NamedTuple):
-    """Name of a parameter with a value."""
+    """Parameter: its name, and its value with type."""
 
     name: str
     value: ParameterValue = ParameterValue()
@@ -310,7 +310,9 @@ def as_names(names: str | Sequence[str], subject: str = "names of parameters") -
 
 
 def _plain(value: object) -> object:
-    """Return a value with numpy and `array.array` objects replaced by plain ones, and sequences by tuples."""
+    """Return a value in which objects of numpy and `array.array` are replaced by plain Python values, and sequences by
+    tuples.
+    """
     if type(value) in (str, int):
         return value
     if isinstance(value, (bytes, bytearray, memoryview)):

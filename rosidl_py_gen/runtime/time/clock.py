@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _JumpCallbacks:
-    """Callbacks before and after a time jump, and a function that returns True if their thresholds select a jump."""
+    """Callbacks to call before and after a time jump, with a function that returns True for jumps that their thresholds
+    select.
+    """
 
     matches: Callable[[TimeJump], bool]
     pre: Callable[[TimeJump], None] | None
@@ -164,7 +166,9 @@ class Clock:
         return self._jump_callbacks.add(_JumpCallbacks(matches, pre, post))
 
     def _on_any_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
-        """Call `pre` before and `post` after every time jump, until the registration is closed."""
+        """Register `pre` and `post`, which are called before and after every time jump until the registration is
+        closed.
+        """
         return self._jump_callbacks.add(
             _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
         )
@@ -216,7 +220,7 @@ class Clock:
         return await sleep_until_due(self, schedule, ends_with_source=True)
 
     def _schedule(self, period_ns: int, start_ns: int) -> TimerSchedule:
-        """Return a timer schedule by this clock, whose first period starts at `start_ns`."""
+        """Return a timer schedule for this clock, whose first period starts at `start_ns`."""
         return TimerSchedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
 
     def _require_ros_time(self) -> None:
@@ -233,7 +237,7 @@ class Clock:
 
     @contextlib.contextmanager
     def _calling_back(self, jump: TimeJump) -> Iterator[None]:
-        """Call the jump callbacks that select `jump` before and after the block, which changes the time."""
+        """Call the callbacks whose thresholds select `jump` before and after the block, which changes the time."""
         matching = set()
         for callbacks in self._jump_callbacks:
             if callbacks.matches(jump):

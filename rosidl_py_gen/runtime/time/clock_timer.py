@@ -1,4 +1,4 @@
-"""Schedules of timers, rates and sleeps, and waiting until one is due, by a clock that can jump.
+"""Schedules of timers, rates and sleeps, and waiting until a schedule is due, by a clock that can jump.
 
 Due times are the first due time plus multiples of the period, as in rcl. Missed periods are skipped and counted. With
 simulated time, a timer checks the clock at each jump. With system time, it checks at least once a second, because the
@@ -26,7 +26,7 @@ _MAX_SLEEP_S = 1.0
 
 
 class TimerCall(NamedTuple):
-    """Call of a timer.
+    """Times of one call of a timer.
 
     Attributes:
         since_last_ns: time since the previous call, or since the creation of the timer.
@@ -231,7 +231,7 @@ async def sleep_until_due(clock: Clock, schedule: TimerSchedule, *, ends_with_so
 class _ClockWait(ClockTimer):
     """Wait of one task until a schedule is due.
 
-    The jump callback itself ends the wait, because time may change again before the task runs.
+    The jump callback itself ends the wait, because time may change again before the waiting task runs.
     """
 
     def __init__(self, clock: Clock, schedule: TimerSchedule, ends_with_source: bool) -> None:

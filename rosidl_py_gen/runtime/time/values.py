@@ -59,7 +59,7 @@ def finite_number(subject: str, value: object, expected: str) -> float:
 
 
 _EXACT_S = 1e6
-"""Number of seconds below which the product with 1e9 is exact to the nanosecond; the product is five times faster than
+"""Number of seconds below which a product with 1e9 is exact to the nanosecond; computing it is five times faster than
 `seconds_to_ns`."""
 
 
@@ -351,7 +351,10 @@ def with_reason(text: str, reason: str) -> str:
 
 
 class Deadline:
-    """End of one or several waits, by the time of the running event loop; None and `math.inf` mean no timeout."""
+    """Time at which one or several waits time out, by the time of the running event loop.
+
+    A timeout of None or `math.inf` means that the waits never time out.
+    """
 
     __slots__ = ("_end_s", "_time")
 

@@ -1,1 +1,3 @@
-"""Transports that carry bytes between endpoints: the contract, QoS, and three implementations: memory, DDS, Zenoh."""
+"""Transports that carry bytes between endpoints: their common interface, QoS, and the implementations in memory, on DDS
+and on Zenoh.
+"""

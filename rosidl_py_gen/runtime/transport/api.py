@@ -1,8 +1,8 @@
-"""Contract between the runtime (publishers, services, the graph) and the transports.
+"""Interface between the runtime (publishers, services, the graph) and the transports.
 
-Bytes go in; bytes and discovery events come out. A transport never sees messages. Names of topics, services and types
-are names of ROS; each transport converts them to names on the wire. Code above this module does not depend on the
-transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` read
+A transport sends and receives bytes and reports discovery events; it never sees messages. Names of topics, services and
+types are names of ROS; each transport converts them to names on the network. Code above this module does not depend on
+the transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` read
 `Participant.middleware`.
 
 Thread rules: `Writer.write` may be called from any thread. The loop binding calls sinks on the thread of the event
@@ -49,7 +49,7 @@ class ParticipantDiscovered:
 
 @dataclass(frozen=True, slots=True)
 class NodeEntities:
-    """Node of a participant, and the GIDs of the node's endpoints."""
+    """Node that a participant has announced, with the GIDs of the node's endpoints."""
 
     namespace: str
     name: str
@@ -59,7 +59,7 @@ class NodeEntities:
 
 @dataclass(frozen=True, slots=True)
 class NodesAnnounced:
-    """Event: a participant announced its nodes, of which `nodes` contains all.
+    """Event: a participant has announced all of its current nodes, which are in `nodes`.
 
     `is_humble` is True if the participant is of Humble or earlier, None if unknown.
     """
@@ -70,11 +70,11 @@ class NodesAnnounced:
 
 
 class TopicKey(NamedTuple):
-    """Topic on which readers and writers match.
+    """Identity of a topic: readers and writers match only if their keys are equal.
 
     Attributes:
         kind: topic of ROS, requests or replies of a service, or a topic without the naming conventions of ROS.
-        name: fully qualified name of the topic or service; the name on the wire if the kind is ``unmangled``.
+        name: fully qualified name of the topic or service; the name on the network if the kind is ``unmangled``.
     """
 
     kind: Literal["topic", "request", "reply", "unmangled"]
@@ -82,7 +82,7 @@ class TopicKey(NamedTuple):
 
     @classmethod
     def of_topic(cls, name: str, qos: QoSProfile) -> TopicKey:
-        """Return the key of topic `name`; `qos` tells whether the name has the naming conventions of ROS."""
+        """Return the key of the topic `name`; `qos` states if the name has the naming conventions of ROS."""
         return cls("unmangled" if qos.avoid_ros_namespace_conventions else "topic", name)
 
 
@@ -117,7 +117,7 @@ class DiscoveredEndpoint:
 
     @property
     def service_type(self) -> str | None:
-        """``pkg/srv/Name`` if the type is a request or response of a service; else None."""
+        """Name ``pkg/srv/Name`` of the service if the type is a request or response of a service; else None."""
         name, _, section = self.type.rpartition("_")
         return name if section in ("Request", "Response") and "/" in name else None
 
@@ -146,11 +146,12 @@ class ClockFunctions:
 
 
 SYSTEM_CLOCKS = ClockFunctions()
-"""Clocks of this machine."""
+"""System and monotonic clock of this machine, as `ClockFunctions`."""
 
 
 Payload: TypeAlias = "bytes | memoryview"
-"""Serialized sample with its 4-byte encapsulation header; a large one is a read-only view of memory of DDS."""
+"""Serialized sample with its 4-byte encapsulation header. A large payload is a read-only view that shares memory with
+DDS."""
 
 Sample: TypeAlias = "tuple[Payload, int, int, int, int | None]"
 """Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns), and the writer's
@@ -160,9 +161,11 @@ A plain tuple: it is created for each message, and a named tuple costs ten times
 """
 
 Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
-"""Function of ours that takes received samples or events from a queue.
+"""Internal function that takes received samples or events from a queue, in contrast to a callback, which is a function
+of the user.
 
-A sink calls no function of the user. It may return a function that does, which its caller calls a moment later.
+A sink never calls a function of the user. It may return a function that does, which the caller of the sink calls a
+moment later.
 """
 
 _PADDING = PADDING[NETWORK_ALIGN]
@@ -269,7 +272,7 @@ class DomainSettings:
 
 
 class _Endpoint(Protocol):
-    """Common part of a writer and a reader."""
+    """Interface that writers and readers have in common."""
 
     @property
     def guid(self) -> bytes:
@@ -288,7 +291,7 @@ class _Endpoint(Protocol):
 
 
 class Writer(_Endpoint, Protocol):
-    """Sender of the samples of one endpoint."""
+    """Interface of the sender of one endpoint's samples."""
 
     @property
     def handle(self) -> int:
@@ -315,7 +318,7 @@ class Writer(_Endpoint, Protocol):
 
 
 class Reader(_Endpoint, Protocol):
-    """Receiver of the samples of one endpoint, with a queue."""
+    """Interface of the receiver of one endpoint's samples, which has a queue."""
 
     @property
     def queue(self) -> ReceiveQueue:
@@ -325,7 +328,7 @@ class Reader(_Endpoint, Protocol):
         """Call `sink` on the loop's thread whenever samples were added to the queue; None: stop calling."""
 
     def fetch(self) -> bool:
-        """Move received samples into the queue without calling the sink; return True if there were any."""
+        """Move received samples into the queue without calling the sink; return True if there were samples."""
 
     def matched_writers(self) -> list[bytes]:
         """Return the GUIDs of the matched writers."""
@@ -365,7 +368,7 @@ class EndpointSpec:
 
 
 class Participant(Protocol):
-    """Member of a domain: creates endpoints, reports discovery and received samples.
+    """Interface of a member of a domain, which creates endpoints, and reports discovery and received samples.
 
     The `create_` methods raise `TransportError` if the middleware refuses.
     """
@@ -376,7 +379,10 @@ class Participant(Protocol):
 
     @property
     def endpoint_index(self) -> EndpointIndex:
-        """Index of what was discovered; the discovery sink is called after the index was changed."""
+        """Index of the discovered endpoints and participants.
+
+        The discovery sink is called after the index was changed.
+        """
 
     @property
     def middleware(self) -> str:
@@ -397,7 +403,10 @@ class Participant(Protocol):
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """Return what keeps a writer and a reader of one topic and type from matching; None if they match."""
+        """Return a text that states what keeps a writer and a reader of one topic and type from matching.
+
+        Returns None if they match.
+        """
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
         """Create the writer that `spec` describes."""
@@ -417,33 +426,43 @@ class Participant(Protocol):
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         """Pass discovery events to `sink` on the loop's thread, starting with everything that is known already.
 
-        The participant reports itself and its own nodes and endpoints, too.
+        The context's own participant, nodes and endpoints are reported, too.
         """
 
     def report_discovery(self) -> None:
-        """Pass all unreported discovery events to the sink now. Thread: the loop's, or any if no loop runs."""
+        """Pass all discovery events that were not reported yet to the sink.
+
+        Thread: the loop's, or any if no loop runs.
+        """
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify` from any thread when `take_ready_sinks` has sinks, for loops that cannot watch `fileno`.
+        """Set a function that is called from any thread when `take_ready_sinks` has sinks, for loops that cannot watch
+        `fileno`.
 
-        None: stop calling.
+        With None, no function is called any more.
         """
 
     def fileno(self) -> int | None:
-        """Return a descriptor that is readable while `take_ready_sinks` has sinks; None if only `set_wakeup` works."""
+        """Return a file descriptor that is readable while `take_ready_sinks` has sinks.
+
+        Returns None if loops must use `set_wakeup`.
+        """
 
     def take_ready_sinks(self) -> list[Sink]:
-        """Return the sinks with samples or events to take, each once; the caller calls them on the loop's thread."""
+        """Return the sinks that have samples or events to take, each once.
+
+        The caller must call them on the loop's thread.
+        """
 
     def detach_after_fork(self) -> None:
-        """Make the participant use no inherited resource any more. Called in a forked child."""
+        """Stop using resources that were inherited from the parent process; called in a forked child."""
 
     def close(self) -> None:
         """Delete the participant and its endpoints. May be called twice."""
 
 
 class Transport(Protocol):
-    """Middleware that can join domains.
+    """Interface of a middleware that can join domains.
 
     A transport that supports security (SROS 2) has an attribute `has_security`, which is True.
     """

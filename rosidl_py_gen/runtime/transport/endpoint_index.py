@@ -1,6 +1,8 @@
-"""Index of what discovery has reported, a cache of results that depend on it, and the fair share of a server's queue.
+"""Index of the endpoints and participants that discovery has reported, a cache of results that depend on it, and the
+share of a server's queue that a client may use.
 
-The participant of a transport writes its index, before it passes the events on. The graph and the services read it.
+The participant of a transport writes its index before it passes discovery events on. The graph and the services read
+the index.
 """
 
 from __future__ import annotations
@@ -24,12 +26,12 @@ from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 ResultT = TypeVar("ResultT")
 
 _MAX_RESULTS = 1000
-"""Maximum number of results in a cache: peers choose the numbers of their clients, which are part of a key."""
+"""Maximum number of results in a cache. It is limited because keys contain numbers of clients, which peers choose."""
 
 
 @dataclass(slots=True)
 class KnownParticipant:
-    """Participant as discovery has reported it so far.
+    """Participant with the data that discovery has reported about it so far.
 
     Attributes:
         enclave: None if the participant is not of ROS, or only its nodes are known.
@@ -52,17 +54,19 @@ class EndpointIndex:
 
     def __init__(self) -> None:
         self.version = 0
-        """Number that is incremented after each change, of nodes, too; other threads cache results by this version."""
+        """Number that is incremented after each change of endpoints or nodes, so that other threads can cache results
+        together with it."""
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self.participants: dict[bytes, KnownParticipant] = {}
         self._by_topic_key: dict[TopicKey, dict[bytes, DiscoveredEndpoint]] = {}
-        """Endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without the GIL."""
+        """Discovered endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without
+        the GIL."""
         self._changed_topics: set[TopicKey] = set()
         self._caches: dict[TopicKey, list[MatchCache[Any]]] = {}
         self._change_lock = threading.RLock()
 
     def apply(self, events: Iterable[DiscoveryEvent]) -> None:
-        """Apply discovery events."""
+        """Apply discovery events to the index."""
         for event in events:
             match event:
                 case DiscoveredEndpoint():
@@ -87,7 +91,7 @@ class EndpointIndex:
             self._count_change(endpoint.topic_key)
 
     def remove(self, guid: bytes) -> None:
-        """Remove an endpoint or a participant, if it is known."""
+        """Remove an endpoint or a participant from the index, if it is known."""
         with self._change_lock:
             endpoint = self.endpoints.pop(guid, None)
             if endpoint is not None:
@@ -100,13 +104,16 @@ class EndpointIndex:
                 self.version += 1
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
-        """Replace all nodes of a participant."""
+        """Replace all nodes of a participant in the index."""
         with self._change_lock:
             self.participants.setdefault(participant_guid, KnownParticipant()).nodes = tuple(nodes)
             self.version += 1
 
     def _count_change(self, topic_key: TopicKey) -> None:
-        """Invalidate the caches of a topic. Lock: _change_lock must be held."""
+        """Record a change of a topic, and invalidate the caches that depend on the topic.
+
+        Lock: _change_lock must be held.
+        """
         self._changed_topics.add(topic_key)
         self.version += 1
         for cache in self._caches.get(topic_key, ()):
@@ -119,14 +126,17 @@ class EndpointIndex:
             return changed
 
     def add_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> threading.RLock:
-        """Invalidate a cache with each change of these topics; return the lock that is held meanwhile."""
+        """Register a cache, which is invalidated at each change of the given topics.
+
+        Returns the lock that is held while it is invalidated.
+        """
         with self._change_lock:
             for topic_key in topic_keys:
                 self._caches.setdefault(topic_key, []).append(cache)
         return self._change_lock
 
     def remove_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> None:
-        """Do not invalidate a cache any more; it may have been removed before."""
+        """Stop invalidating a registered cache; without effect if the cache was removed before."""
         with self._change_lock:
             for topic_key in topic_keys:
                 remaining = [one for one in self._caches.get(topic_key, ()) if one is not cache]
@@ -179,7 +189,8 @@ class MatchCache(dict[Hashable, ResultT]):
         self._check = check
         self._is_final = is_final
         self.version = 0
-        """Number of changes of the topics, for results that are stored elsewhere."""
+        """Number of changes of the cache's topics so far, with which results that are stored elsewhere can be checked.
+        """
         self._lock = index.add_cache(self, self._topic_keys)
 
     def __missing__(self, key: Hashable) -> ResultT:
@@ -194,7 +205,7 @@ class MatchCache(dict[Hashable, ResultT]):
         return result
 
     def invalidate(self) -> None:
-        """Discard all results. Lock: that of the index must be held."""
+        """Discard all cached results. Lock: the lock of the index must be held."""
         self.version += 1
         self.clear()
 
@@ -206,9 +217,9 @@ class MatchCache(dict[Hashable, ResultT]):
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
     """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
 
-    `servers` are the profiles of request readers, `clients` the request writers of all clients, own ones included. All
-    clients share the queue of a server. So the smallest keep-last depth is divided by the number of the clients'
-    participants; each participant gets at least 1.
+    `servers` are the profiles of request readers, `clients` the request writers of all clients, including this
+    participant's own. All clients share the queue of a server. So the smallest keep-last depth is divided by the number
+    of the clients' participants; each participant gets at least 1.
     """
     depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
     return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Compatibility(Enum):
-    """Verdict about two QoS profiles: compatible, possibly incompatible (WARNING), or incompatible (ERROR)."""
+    """Result of comparing two QoS profiles: compatible, possibly incompatible (WARNING), or incompatible (ERROR)."""
 
     OK = "ok"
     WARNING = "warning"
@@ -35,12 +35,12 @@ class Compatibility(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CompatibilityResult:
-    """Verdict about the QoS profiles of a publisher and a subscription, with reasons.
+    """Result of comparing the QoS profiles of a publisher and a subscription, with reasons.
 
     Attributes:
-        reason: fragments that each end in ``;``; empty if the verdict is OK.
+        reason: fragments that each end in ``;``; empty if the result is OK.
         policies: the incompatible policies, in the order in which DDS checks them; the lease of liveliness counts as
-            LIVELINESS, as in DDS. Empty unless the verdict is ERROR.
+            LIVELINESS, as in DDS. Empty unless the result is ERROR.
     """
 
     compatibility: Compatibility
@@ -131,12 +131,13 @@ _POSSIBLE_MISMATCHES = (
         "Publisher's liveliness is automatic, but subscription's is {}",
     ),
 )
-"""Rows of possible QoS mismatches: policy, weakest offer, strictest request, and three texts.
+"""Possible QoS mismatches, each with the policy, the weakest offer, the strictest request, and three texts.
 
-The texts are for the cases that both values are undetermined, only the offer, and only the request.
+The texts are for three cases: both values are undetermined, only the offer, or only the request.
 """
 _UNDETERMINED = ("SYSTEM_DEFAULT", "UNKNOWN")
-"""Names of policy values that the middleware replaces by a choice of its own, or that were not discovered."""
+"""Names of policy values that are undetermined: the middleware chooses a value in their place, or they were not
+discovered."""
 
 
 def _possible_mismatches(offered: QoSProfile, requested: QoSProfile) -> Iterator[str]:
@@ -152,7 +153,8 @@ def _possible_mismatches(offered: QoSProfile, requested: QoSProfile) -> Iterator
 
 
 def describe_policies(*, theirs: QoSProfile, ours: QoSProfile, policies: Iterable[str]) -> str:
-    """Return a text of the policies that differ: ``reliability BEST_EFFORT, here RELIABLE``.
+    """Return a text about the policies in which two profiles differ, such as ``reliability BEST_EFFORT, here
+    RELIABLE``.
 
     Only `policies` are compared, which are lower-case names.
     """
@@ -171,7 +173,7 @@ _FIELDS = {
     "deadline": ("deadline_ns",),
     "liveliness": ("liveliness", "liveliness_lease_ns"),
 }
-"""Fields of `QoSProfile` that belong to a policy, by its lower-case name."""
+"""Names of the fields of `QoSProfile` for each QoS policy, by the policy's lower-case name."""
 
 
 def _value_text(value: IntEnum | int) -> str:
@@ -239,11 +241,12 @@ def _replace_best_available(profile: QoSProfile, best: QoSProfile) -> QoSProfile
 
 
 FORMAT_VARIABLE = "ROSIDL_PY_GEN_ZENOH_FORMAT"
-"""Environment variable; with the value ``humble``, this process uses Zenoh keys and tokens without type hashes."""
+"""Name of an environment variable. If its value is ``humble``, this process uses Zenoh keys and tokens without type
+hashes."""
 _MAX_TEXT_CHARS = 600
-"""Maximum length of a type or hash in `Incompatibility.reason`."""
+"""Maximum length of a type's name or hash in `Incompatibility.reason`."""
 _MAX_PEER_TYPE_CHARS = 300
-"""Maximum length of a type in a result of `Incompatibility.reason_of`."""
+"""Maximum length of a type's name in a result of `Incompatibility.reason_of`."""
 _MAX_PEER_HASH_CHARS = 200
 """Maximum length of a hash in a result of `Incompatibility.reason_of`."""
 
@@ -256,7 +259,7 @@ class IncompatibilityKind(Enum):
     """The definitions of the type differ."""
     QOS = auto()
     HASH_FORMAT = auto()
-    """Only one of the endpoints announces a type hash, which is part of the key that Zenoh matches."""
+    """Only one of two endpoints has a type hash in its key, so Zenoh does not match them."""
 
 
 def qos_incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> IncompatibilityKind | None:
@@ -266,7 +269,7 @@ def qos_incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) 
 
 @dataclass(frozen=True, slots=True)
 class Incompatibility:
-    """A writer and a reader that do not exchange messages, or misread them."""
+    """Pair of a writer and a reader that do not exchange messages, or misread them."""
 
     kind: IncompatibilityKind
     writer: DiscoveredEndpoint
@@ -302,7 +305,7 @@ class Incompatibility:
         return f"their quality of service is incompatible. {check_compatible(self.writer.qos, self.reader.qos).reason}"
 
     def reason_of(self, peer: DiscoveredEndpoint, name: str) -> str:
-        """Return a text that states the difference of `peer`, one of the two endpoints, from the other one.
+        """Return a text that states how `peer`, one of the two endpoints, differs from the other endpoint.
 
         `name` names the node of `peer` in the text.
         """
@@ -324,7 +327,9 @@ def _type_text(endpoint: DiscoveredEndpoint, max_chars: int = _MAX_TEXT_CHARS) -
 
 
 def _hashes(one: DiscoveredEndpoint, other: DiscoveredEndpoint) -> tuple[str, str]:
-    """Return the type hashes of two endpoints: of the messages if both announce one, or else of the services."""
+    """Return the type hashes of two endpoints: hashes of the messages if both announce one, else hashes of the
+    services.
+    """
     if one.type_hash and other.type_hash:
         return one.type_hash, other.type_hash
     return one.service_hash or one.type_hash, other.service_hash or other.type_hash

@@ -1,7 +1,7 @@
 """Transport inside one process, with the behaviour of DDS but without network, threads and delays.
 
-For tests of programs that use this package, and for our own tests. Contexts with the same `MemoryTransport` discover
-each other. `write` delivers to the readers in the order of their creation, so each run gives the same result.
+For tests of programs that use this package, and of this package itself. Contexts with the same `MemoryTransport`
+discover each other. `write` delivers to the readers in the order of their creation, so each run gives the same result.
 Matching, KEEP_LAST, transient-local history, lifespan and discovery follow the rules of DDS. Deadlines and leases do
 not exist, because no participant can disappear without closing.
 """
@@ -41,7 +41,7 @@ from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _VENDOR = b"\x01\x10"
-"""Vendor id of Cyclone DDS: other code must not apply the rules for other vendors to these endpoints."""
+"""Vendor id of Cyclone DDS, which endpoints in memory have so that no rules for other vendors apply to them."""
 _TRANSPORT_NUMBERS = itertools.count(1)
 _transport_lock = threading.Lock()
 

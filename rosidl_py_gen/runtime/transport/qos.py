@@ -25,7 +25,7 @@ class InvalidQoSError(RosidlError, ValueError):
 
 
 class History(IntEnum):
-    """Number of samples that an endpoint retains; numbers of rmw."""
+    """QoS policy that selects how many samples an endpoint retains; numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -34,7 +34,7 @@ class History(IntEnum):
 
 
 class Reliability(IntEnum):
-    """Retransmission of lost samples; numbers of rmw."""
+    """QoS policy that decides if lost samples are sent again; numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -44,7 +44,7 @@ class Reliability(IntEnum):
 
 
 class Durability(IntEnum):
-    """Delivery of earlier samples to late joiners; numbers of rmw."""
+    """QoS policy that decides if endpoints that join late receive earlier samples; numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -54,7 +54,7 @@ class Durability(IntEnum):
 
 
 class Liveliness(IntEnum):
-    """Way in which a publisher asserts that it is alive; numbers of rmw, which has removed 2."""
+    """QoS policy that decides how a publisher asserts that it is alive; numbers of rmw, which has removed 2."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -64,7 +64,7 @@ class Liveliness(IntEnum):
 
 
 class QoSPolicyKind(IntEnum):
-    """Policy of a QoS incompatibility; numbers of rmw_qos_policy_kind_t and of rclpy."""
+    """QoS policy that makes two endpoints incompatible; numbers of rmw_qos_policy_kind_t and of rclpy."""
 
     INVALID = 1
     DURABILITY = 2
@@ -80,12 +80,12 @@ class QoSPolicyKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """A policy of `QoSProfile`: its names, and the kind of its value.
+    """QoS policy as a field of `QoSProfile`: its names, and the kind of its value.
 
     Attributes:
-        field: field of `QoSProfile`; a field that ends with ``_ns`` is a period.
+        field: field of `QoSProfile`; a field that ends with ``_ns`` is a duration.
         rmw_name: name in rmw, in rclpy and in the files of rosbag2.
-        label: name in texts for people; empty for a policy that they do not show on a line of its own.
+        label: name in texts for people; empty for a policy that has no line of its own in these texts.
         enum: enum class of the values; None for numbers and flags.
     """
 
@@ -117,9 +117,9 @@ Checks of a profile, files of rosbag2, texts and the rclpy layer follow this tab
 own form for a policy. CONTRIBUTING.md has the steps to add one.
 """
 ENUMS = {policy.field: policy.enum for policy in POLICIES if policy.enum is not None}
-"""Enum class of each policy whose value is an enum member, by field of `QoSProfile`."""
+"""Enum classes of QoS policies, by the field of `QoSProfile` that has a member of the enum as value."""
 PERIODS = {policy.field: policy.rmw_name for policy in POLICIES if policy.is_period}
-"""Name in rmw of each policy whose value is a period, by field of `QoSProfile`."""
+"""Names in rmw of the QoS policies whose value is a duration, by field of `QoSProfile`."""
 
 
 def _policy_member(name: str, kind: type[IntEnum], value: object) -> IntEnum:
@@ -268,7 +268,7 @@ BEST_AVAILABLE = QoSProfile(
 """Profile whose policies are chosen when an endpoint is created, to match as many discovered endpoints as possible."""
 
 QoSLike = int | QoSProfile
-"""QoS profile, or an int: the default profile with that keep-last depth."""
+"""Type of arguments that accept a QoS profile, or an int: the default profile with that keep-last depth."""
 
 
 def as_profile(qos: QoSLike) -> QoSProfile:
@@ -290,7 +290,8 @@ def as_profile(qos: QoSLike) -> QoSProfile:
 
 
 def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
-    """Return the profile as discovery reports it: SYSTEM_DEFAULT and unspecified values are replaced by their meaning.
+    """Return the profile in the form in which discovery reports it: SYSTEM_DEFAULT and unspecified values become what
+    they mean.
 
     Source: docs/internals/protocol.md 6.4, 7.3 (unspecified durations are infinite, a reader has no lifespan).
     """

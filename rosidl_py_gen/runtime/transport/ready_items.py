@@ -1,4 +1,4 @@
-"""Queue of sinks, or of handles of readers, that are ready; adding an item wakes up the event loop.
+"""Queue of sinks, or of handles of readers, for which samples are ready; adding an item wakes up the event loop.
 
 Only the first sink of a batch wakes up the loop: by a byte in a pipe that the loop watches, or by a function where the
 loop cannot watch a pipe (Windows, virtual time). Later sinks are only stored.
@@ -72,7 +72,7 @@ class ReadyItems(Generic[ItemT]):
         return None if self._ends is None else self._ends[0].fileno()
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        """Wake up the loop by a call of `notify` from now on, or with None by a byte in the pipe."""
+        """Set a function `notify` that wakes up the loop; with None, the loop is woken up by a byte in the pipe."""
         self._notify = notify
         self._is_notified = False  # the loop that was woken up may be gone; before the list is read, as in `take`
         if self._ready:

@@ -1,12 +1,12 @@
-"""Flow control of a server: a limit for the number of replies that its clients may not have taken yet.
+"""Flow control of a server: a limit for the number of replies that its clients have perhaps not taken yet.
 
 A client of ROS keeps the last 10 replies that it has not taken, and overwrites older ones silently: their calls never
 end. On DDS the 10 include replies to other clients of the service. So a server that would send many replies at once, as
 when its goals end together, sends `MAX_REPLIES`. It then waits until they have arrived, where the transport reports
 that, and for `HOLD_S`, because a client takes replies some time after they arrived.
 
-Calls in sequence are faster than acknowledgements and must not wait for them. So the server probes an unknown client:
-it delays the client's fourth reply by `PROBE_S`. A client that sends no request in this time waits for replies: it is
+Calls in sequence are faster than acknowledgements and must not wait for them. So the server tests an unknown client: it
+delays the client's fourth reply by `PROBE_S`. A client that sends no request in this time waits for replies: it is
 trusted, and each further request shows that it took the earlier replies. A client that continues to send takes no reply
 before it has sent all its requests, and gets `MAX_REPLIES` at a time.
 """
@@ -22,27 +22,27 @@ from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 MAX_REPLIES = 8
-"""Maximum number of replies of a server that its clients may not have taken. A client of ROS keeps 10."""
+"""Maximum number of replies that the clients of a server have perhaps not taken. A client of ROS keeps 10 replies."""
 _PROBE_REPLIES = 3
-"""Number of replies to a client before it is probed. With at most 7 unanswered requests at that time, the client has
-no more than the 10 replies that it can keep."""
+"""Number of replies to a client before the server tests the client's behaviour by a delay. With at most 7 unanswered
+requests at that time, the client has no more than the 10 replies that it can keep."""
 PROBE_S = 0.005
-"""Time in which a probed client must send no request to be trusted, in seconds. Each series of calls waits for it once,
+"""Time in seconds in which a tested client must send no request to be trusted. Each series of calls waits for it once,
 calls that take longer never. Clients of rclpy send goals every 0.1 ms, on a busy machine every 2 ms."""
 IDLE_S = 0.1
-"""Time without a request or reply after which a client is probed again, in seconds."""
+"""Time in seconds without a request or reply after which the behaviour of a client is tested again."""
 HOLD_S = 0.04
-"""Minimum time from sending a reply until it counts as taken, in seconds: clients take replies after they arrived. With
-20 ms a client of rclpy lost some of 20 results on a machine with four busy processes on two cores. A larger value
-delays results that are sent together."""
+"""Minimum time in seconds from sending a reply until it counts as taken, because clients take replies some time after
+they arrived. With 20 ms a client of rclpy lost some of 20 results on a machine with four busy processes on two cores. A
+larger value delays results that are sent together."""
 _HOLD_PER_READER_S = 0.008
-"""Minimum time from sending a reply until it counts as taken, in seconds for each client of the server. Used if the
+"""Minimum time in seconds, for each client of the server, from sending a reply until it counts as taken. Used if the
 product with the number of clients exceeds `HOLD_S`: 8 replies to 20 clients in one node of rclpy keep the node busy for
 100 ms."""
 ACK_TIMEOUT_S = 0.1
-"""Time after which a reply counts as taken without an acknowledgement, in seconds: the client may have been killed. An
-acknowledgement usually takes from 5 to 30 ms. After one timeout, `HOLD_S` applies until acknowledgements arrive again.
-"""
+"""Time in seconds after which a reply counts as taken without an acknowledgement, because the client may have been
+killed. An acknowledgement usually takes from 5 to 30 ms. After one timeout, `HOLD_S` applies until acknowledgements
+arrive again."""
 _MAX_CLIENTS = 256
 
 
@@ -63,7 +63,7 @@ class _Client:
 
 
 class ReplyWindow:
-    """Flow control of one server: counts the replies that its clients may not have taken. Thread: any.
+    """Flow control of one server, which counts the replies that its clients have perhaps not taken. Thread: any.
 
     `have_arrived` returns True if every client has acknowledged all replies; None if the transport cannot tell.
     """
@@ -77,7 +77,7 @@ class ReplyWindow:
         self._is_released = False
         self._clients: dict[Hashable, _Client] = {}
         self._in_flight: list[tuple[int, _Client]] = []
-        """Time in ns at which each reply in flight was sent, and the client it was sent to; oldest first."""
+        """Replies that clients have perhaps not taken, oldest first: the time of sending in ns, and the client."""
         self._hold_s = HOLD_S
         self._timeout_s = ACK_TIMEOUT_S
         self._lock = threading.RLock()  # a signal handler may send a reply in the middle of another one
@@ -128,7 +128,7 @@ class ReplyWindow:
         return not self.limit or (client.in_flight < share and len(self._in_flight) < self.limit)
 
     def _drop_older(self, now_ns: int) -> None:
-        """Forget the replies that count as taken, because they were sent long enough ago."""
+        """Stop counting replies that were sent so long ago that they count as taken."""
         age_s = self._hold_s
         if self._have_arrived is not None:
             if self._have_arrived():

@@ -1,4 +1,5 @@
-"""Contract of `api.py` for services: clients, servers, and the requests and replies between them.
+"""Interface between the runtime and the transports for services: clients, servers, and requests and replies between
+them.
 
 Each client's transport numbers its requests. How a peer identifies the origin of a request or reply is up to the
 transport. Thread: loop, except for `send`, which may be called from any thread.
@@ -51,7 +52,7 @@ class ServiceSpec:
 
     @property
     def endpoints(self) -> tuple[EndpointSpec, EndpointSpec]:
-        """Specifications of the endpoints on the request topic and on the reply topic."""
+        """Specifications of two endpoints, on the topic of the requests and on the topic of the replies."""
         requests, replies = self.topic_keys
         hash = self.type_hash
         return (
@@ -61,7 +62,7 @@ class ServiceSpec:
 
 
 class NoReply(NamedTuple):
-    """Replacement for the response to a request that no server will answer.
+    """Object that a client receives in place of a response if no server will answer its request.
 
     `reason` completes the sentence "the server of /add ...".
     """
@@ -70,12 +71,12 @@ class NoReply(NamedTuple):
 
 
 class IncompatiblePeer(NamedTuple):
-    """GUID of an endpoint of a client or server that cannot be used, and the reason."""
+    """Endpoint, by GUID, of a client or server that cannot be used, and the reason."""
 
     guid: bytes
     reason: str
     has_topics: bool = True
-    """True if topics of the peer work, and its services may work with another DDS library."""
+    """True if topics of the peer can be used, and its services could be used with another DDS library."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,21 +100,22 @@ class ServerAvailability:
 
 
 Reply: TypeAlias = "tuple[int, Payload | NoReply, bytes | None]"
-"""Number of the request; response or `NoReply`; GUID of the sender if known.
+"""Tuple of a received reply: number of the request; response or `NoReply`; GUID of the sender if known.
 
 A plain tuple, because one is created for each reply.
 """
 RequestId: TypeAlias = "Any"
-"""Origin of a request, opaque outside of the transport that created it."""
+"""Origin of a request; only the transport that created it knows its contents."""
 Request: TypeAlias = "tuple[RequestId, Payload | IncompatiblePeer | DecodeError, bytes | None, int, int]"
-"""Origin of a request; the request; GUID of the sender if known; times of sending and reception in ns since the epoch.
+"""Tuple of a received request: origin; the request; GUID of the sender if known; times of sending and reception in ns
+since the epoch.
 
-If the request cannot be served, an `IncompatiblePeer` or the error in the request's bytes replaces it.
+If the request cannot be served, an `IncompatiblePeer` or the error in the request's bytes replaces the request.
 """
 
 
 class _ServiceEndpoint(Protocol):
-    """Common part of a client and a server.
+    """Interface that clients and servers of a service have in common.
 
     Attributes:
         is_introspected: events are published, so servers must identify each request by the `gid` of its client.
@@ -145,7 +147,7 @@ class _ServiceEndpoint(Protocol):
 
 
 class TransportClient(_ServiceEndpoint, Protocol):
-    """Client of a service."""
+    """Interface of a client of a service."""
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         """Send a request to all matched servers. Never blocks.
@@ -158,7 +160,10 @@ class TransportClient(_ServiceEndpoint, Protocol):
         """
 
     def cancel(self, number: int) -> None:
-        """Forget a request: its response arrived, or the caller no longer waits for it. Thread: loop."""
+        """Discard a request, because its response arrived, or because the caller no longer waits for it.
+
+        Thread: loop.
+        """
 
     def take(self) -> Reply | None:
         """Return the next received reply; None if there is none. Several servers may reply to one request."""
@@ -174,7 +179,7 @@ class TransportClient(_ServiceEndpoint, Protocol):
 
 
 class TransportServer(_ServiceEndpoint, Protocol):
-    """Server of a service."""
+    """Interface of a server of a service."""
 
     def take(self) -> Request | None:
         """Return the next received request; None if there is none."""
@@ -187,7 +192,7 @@ class TransportServer(_ServiceEndpoint, Protocol):
         """
 
     def release(self) -> None:
-        """Send responses without flow control from now on, because the server closes."""
+        """Stop the flow control of responses, because the server closes and responses must be sent before."""
 
     def can_reach_client(self, to: RequestId) -> bool:
         """Return False if a response to the request with origin `to` would not arrive; True if unknown."""

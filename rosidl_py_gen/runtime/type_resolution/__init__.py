@@ -1,1 +1,3 @@
-"""Message types of other nodes: search by the announcements of nodes, and the service ``~/get_type_description``."""
+"""Search for the message types of other nodes by the announcements of nodes, and the service
+``~/get_type_description``.
+"""

@@ -31,15 +31,15 @@ _MAX_LISTED = 5
 class TypeQuery:
     """Topic, service or action whose type is searched for.
 
-    Message types are given by the part of their name that follows the type's name, such as ``_Request`` (the suffix).
+    Message types are given by their suffix, such as ``_Request``: the end of their name, after the name of the type.
 
     Attributes:
         kind: ``topic``, ``service`` or ``action``.
         name: fully qualified name.
-        required: topics that must exist -> suffix of their message type.
-        optional: topics that may exist -> suffix of their message type.
-        messages: suffix of each section of the type -> suffixes of the announced messages that contain the section,
-            best first.
+        required: topics that must exist, each with the suffix of its message type.
+        optional: topics that may exist, each with the suffix of its message type.
+        messages: suffix of each section of the type, with the suffixes of the announced messages that contain the
+            section, best first.
     """
 
     kind: str
@@ -82,18 +82,21 @@ def action_query(name: str, send_goal: str, get_result: str, feedback: str) -> T
 
 @dataclass(slots=True)
 class TypeAnnouncement:
-    """Announcements of one type: hashes of its messages, and the nodes that announce them.
+    """Announcements of one type by nodes: hashes of its messages, and the nodes that announce them.
 
     Attributes:
         type_name: name of the topic's, service's or action's type.
-        hashes: message type -> hash ("" if none is announced) -> names of the announcing nodes ("" if unknown).
+        hashes: for each message type, a dict from hash ("" if none is announced) to the names of the announcing nodes
+            ("" if unknown).
     """
 
     type_name: str
     hashes: dict[str, dict[str, set[str]]] = field(default_factory=dict)
 
     def nodes_by_hash(self, suffix: str) -> dict[str, set[str]]:
-        """Return hash -> names of the nodes that announce it, for the message with a suffix such as ``_Request``."""
+        """Return the nodes that announce the message with a suffix such as ``_Request``, as a dict from hash to names
+        of nodes.
+        """
         by_hash = self.hashes.get(self.type_name + suffix, {})
         return {text: nodes for text, nodes in by_hash.items() if text}
 
@@ -144,7 +147,7 @@ def participants_of(graph: Graph, query: TypeQuery) -> Collection[bytes]:
 
 
 def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
-    """Return type name -> announcements of that type for the topic, service or action of a query.
+    """Return the announcements for the topic, service or action of a query, by type name.
 
     A type that is not a ROS type has its DDS type name.
 

@@ -44,9 +44,10 @@ if TYPE_CHECKING:
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 ENDPOINTS_TIMEOUT_S = 1.0
-"""Maximum time to wait for the endpoints of a discovered node; they usually arrive some milliseconds after its name."""
+"""Maximum time in seconds to wait for the endpoints of a discovered node; they usually arrive some milliseconds after
+its name."""
 _RETRY_DELAY_S = 1.0
-"""Time without a reply after which a request for a type description is repeated."""
+"""Time in seconds without a reply after which a request for a type description is repeated."""
 _SENT_POLL_INTERVAL_S = 0.02
 _HINTS = {
     "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
@@ -62,7 +63,7 @@ class TypeDescriptionError(RosidlError, LookupError):
 async def announced_hash(
     scope: EntityScope, node: str, type_name: str, timeout_s: float | None
 ) -> tuple[str, float | None]:
-    """Return the type hash that a node announces for a type, and the rest of `timeout_s`.
+    """Return the type hash that a node announces for a type, and the time that is left of `timeout_s`.
 
     Args:
         scope: owner of the entities of the calling node.
@@ -176,7 +177,7 @@ _BUNDLED = "rosidl_py_gen.msgs"
 _MAX_NAME_CHARS = 200
 """Maximum length of a type name that a log entry quotes from a request; names of DDS have at most 255 characters."""
 _MEMORY = "rosidl_py_gen_memory."
-"""Prefix of the modules of classes that were compiled at run time."""
+"""Prefix of the names of the modules that contain classes which were compiled at run time."""
 _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
 
 
@@ -252,7 +253,9 @@ def _failure(reason: str) -> srv.GetTypeDescription_Response:
 
 
 def _is_described(cls: type[Any]) -> bool:
-    """Return False for a class that only forwards bytes, whose description has another hash than the type."""
+    """Return False for a class that only forwards serialized messages, whose description has another hash than the
+    type.
+    """
     return rihs01(type_description(cls)) == type_hash(cls)
 
 
@@ -301,7 +304,7 @@ def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
 
 
 def _is_from_file(name: str, cls: type[Any] | None) -> bool:
-    """Return False if a class was compiled from a definition that differs from the definition file of its name."""
+    """Return False if the definition from which a class was compiled differs from the definition file of its name."""
     if cls is None or not cls.__module__.startswith(_MEMORY):
         return True
     import rosidl_py_gen

@@ -55,13 +55,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.type_loading.class_lookup import HashPredicate, SearchFolders
 
 ANSWER_TIMEOUT_S = 3.0
-"""Maximum time to wait for the type description of a node; after that, the next node is requested."""
+"""Maximum time in seconds to wait for a node's type description before the next node is requested."""
 _SERVICE_TIMEOUT_S = 1.0
-"""Maximum time to wait for a node's service ``~/get_type_description``, which a node may not have."""
+"""Maximum time in seconds to wait for a node's service ``~/get_type_description``, which a node may not have."""
 _NODE_NAME_TIMEOUT_S = 4.0
-"""Maximum time to wait for node names; with Fast DDS they may arrive after 3 s (docs/internals/protocol.md 6)."""
+"""Maximum time in seconds to wait for node names; with Fast DDS they may arrive after 3 s
+(docs/internals/protocol.md 6)."""
 _LATE_ANNOUNCEMENT_GRACE_S = 2.0
-"""Grace period for endpoints that a node announces after its other endpoints.
+"""Time in seconds to wait for endpoints that a node announces after its other endpoints.
 
 Fast DDS repeats a lost announcement after 1 s.
 """
@@ -72,7 +73,10 @@ _ADVICE = "install its package, or add it to the search path (`path=`, `--path`,
 
 
 class TypeResolver:
-    """Search for the class of one topic, service or action; `Node.resolve_type` documents arguments and exceptions."""
+    """Search for the class of the type of one topic, service or action.
+
+    `Node.resolve_type` documents arguments and exceptions.
+    """
 
     def __init__(
         self,
@@ -180,7 +184,9 @@ class TypeResolver:
         return TypeDescriptionError(f"{self._subject} has several {plural}: {join_truncated(lines)}; pass {parameter}")
 
     def _matches(self, announcement: TypeAnnouncement) -> HashPredicate:
-        """Return a predicate: True if the hashes of a definition, by message type, are among the announced hashes."""
+        """Return a function that returns True if the hashes of a definition, by message type, are among the announced
+        hashes.
+        """
         wanted_hash = self._wanted_hash
 
         def matches(hashes: Mapping[str, str]) -> bool:
@@ -226,7 +232,7 @@ class TypeResolver:
         return cls
 
     async def _are_of_humble(self) -> bool:
-        """Wait for the graph messages of the other participants; return True if all of these are of Humble.
+        """Wait for the graph messages of the other participants; return True if all of them are nodes of ROS 2 Humble.
 
         Participants that only subscribe or call count if there is no publisher or server.
         """
@@ -296,7 +302,9 @@ class TypeResolver:
         return cls
 
     def _require_match(self, announcement: TypeAnnouncement, hashes: Mapping[str, str]) -> None:
-        """Raise `TypeDescriptionError` unless all hashes are announced: messages may be of different definitions."""
+        """Raise `TypeDescriptionError` unless all hashes of the description are announced, as messages may be of
+        different definitions.
+        """
         if not self._matches(announcement)(hashes):
             raise self._ambiguous_error("definitions", [announcement], "type_hash")
 
@@ -367,7 +375,10 @@ class TypeResolver:
         raise TypeDescriptionError("; ".join(failures) or f"{name} {wanted_hash} is announced, but {reason}")
 
     async def _wait_for_names(self, nodes: Collection[str]) -> Collection[str]:
-        """Return the given nodes; if only this node is among them, wait for names of further announcing nodes."""
+        """Return the given nodes.
+
+        If this node is the only one of them, first wait for names of further announcing nodes.
+        """
         scope = self._scope
         if set(nodes) - {scope.node_name}:
             return nodes
@@ -399,7 +410,7 @@ class TypeResolver:
         return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(ANSWER_TIMEOUT_S))
 
     def _accept(self, sender: str, name: str, wanted_hash: str, data: bytes) -> None:
-        """Store the description in an encoded response of a node or the cache. Thread: any.
+        """Store the type description in an encoded response of a node or of the cache. Thread: any.
 
         Raises:
             TypeDescriptionError: the response is too large, a failure, or describes another type or hash.
@@ -426,6 +437,6 @@ class TypeResolver:
 
 
 def _announcing_nodes(announcement: TypeAnnouncement, wanted_hash: str) -> set[str]:
-    """Return the nodes that announce a hash; all announcing nodes of the type if no node announces the hash itself."""
+    """Return the nodes that announce a hash; if none announces it, return all nodes that announce the type."""
     nodes = {node for by_hash in announcement.hashes.values() for node in by_hash.get(wanted_hash, ())} - {""}
     return nodes or announcement.nodes()

@@ -1,1 +1,1 @@
-"""Conversion of many bags to one Parquet dataset, in this process or in several."""
+"""Conversion of many bags to one Parquet dataset, in this process or in several processes."""

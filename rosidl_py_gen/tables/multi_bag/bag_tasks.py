@@ -1,10 +1,10 @@
-"""Tasks that write a dataset: each is a bag, or a part of a large bag between two log times.
+"""Tasks that write a dataset. A task writes one bag, or the messages of a large bag between two log times.
 
-Another run does only the missing tasks, which it finds by existing files: the metadata of each file names its task, and
-the number of files of the task. A task is complete if all its files exist. Files get their final names when their
-contents are complete, and have the same names in each run, so that a repeated task replaces them.
+A repeated run executes only the missing tasks. It finds them by existing files: the metadata of each file names its
+task, and the number of files of the task. A task is complete if all its files exist. Files get their final names when
+their contents are complete, and have the same names in each run, so that a repeated task replaces them.
 
-A failure of a task is a result, not an exception.
+A failure of a task is reported in its result, not as an exception.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ _READERS = 16
 
 @dataclass(frozen=True, slots=True)
 class TaskRecord:
-    """Identity of the task that has written a dataset file, stored in the metadata of the file.
+    """Identity of the task that wrote a dataset file, which is stored in the metadata of the file.
 
     Attributes:
         bag: digest of the path or URL of the bag.
         version: version of the bag's files.
         options: digest of the options.
-        number, task_count: index of the part of the bag, and number of parts.
+        number, task_count: index of the slice of the bag that the task writes, and number of slices.
         file_count: number of files of the task.
     """
 
@@ -75,9 +75,9 @@ class TaskRecord:
 
 
 def _read_record(system: Any, path: str) -> TaskRecord | None:
-    """Return the task in a Parquet file's metadata; None if another program wrote the file, or it cannot be read.
+    """Return the task that wrote a Parquet file, from the file's metadata.
 
-    Tasks do not replace files without a record.
+    Returns None if another program wrote the file, or it cannot be read. Tasks do not replace such files.
     """
     try:
         with system.open(path, "rb") as stream:
@@ -91,7 +91,7 @@ def _read_record(system: Any, path: str) -> TaskRecord | None:
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """Existing file of a task in a dataset; `name` is the name of the bag there."""
+    """Existing file in a dataset that a task has written; `name` is the name of the bag in the dataset."""
 
     path: str
     name: str
@@ -121,7 +121,7 @@ def find_task_files(out: str, names: Collection[str]) -> list[TaskFile]:
 
 
 def complete_parts(files: Iterable[TaskFile]) -> set[int]:
-    """Return the part numbers of a bag's tasks all of whose files exist."""
+    """Return the numbers of a bag's tasks that are complete, which means that all files of the task exist."""
     return {
         record.number for record, count in Counter(one.record for one in files).items() if count == record.file_count
     }
@@ -170,7 +170,7 @@ class TaskOptions:
     search_path: tuple[str, ...] = ()
     range_bytes: int = 1 << 28
     distro: str | None = None
-    """Distribution that the user selected by command option, for worker processes."""
+    """Distribution that the user selected by a command option, which worker processes select as well."""
 
     @property
     def digest(self) -> str:
@@ -226,7 +226,7 @@ def run_task(task: Task, on_progress: Callable[[float], None] | None = None) -> 
 
 
 def split_times_of(task: Task) -> TaskResult:
-    """Return a result with the log times at which a task's large bag is split into several tasks."""
+    """Read a large bag, and return a result with the log times at which its task is split into several tasks."""
     return _run(_find_cuts, task)
 
 
@@ -260,7 +260,7 @@ def _find_cuts(task: Task) -> TaskResult:
 
 
 def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
-    """Return the tasks that a task becomes if its bag is split at log times."""
+    """Return the tasks that replace a task if its bag is split at the given log times."""
     spans = [*pairwise([None, *cuts, None])]
     records = [replace(task.record, number=number, task_count=len(spans)) for number in range(len(spans))]
     return [
@@ -270,7 +270,10 @@ def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
 
 
 def _span(reader: BagReader, options: TaskOptions) -> tuple[int, int]:
-    """Return first log time and exclusive end of the selected messages; raises `BagError` if the bag ends before."""
+    """Return the first log time and the exclusive end of the selected messages of a bag.
+
+    Raises `BagError` if the bag ends before the selection begins.
+    """
     start, end = reader.start_ns + round(options.start_offset_s * NS_PER_S), reader.end_ns + 1
     if start >= end:
         length = (reader.end_ns - reader.start_ns) / NS_PER_S

@@ -1,7 +1,7 @@
-"""Conversion of all bags that patterns match to one dataset, by this process, or by Dask in several.
+"""Conversion of all bags that patterns match to one dataset, in this process, or in several processes by Dask.
 
 Bags whose files exist are skipped, large bags are split into several tasks, and processes are started only for enough
-data. A bag that fails does not stop the others.
+data. A bag that fails does not stop the conversion of other bags.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _TAG_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "checksum")
 _TIME_KEYS = ("mtime", "LastModified", "last_modified", "updated", "modified", "created")
 _WILDCARDS = frozenset("*?[")
 RANGE_BYTES = 1 << 28
-"""Stored bytes of a bag for one task; a larger bag is split into several tasks."""
+"""Size in bytes of stored data that one task converts; a larger bag is split into several tasks."""
 PROCESSES_BYTES = 1 << 26
 """Minimum stored bytes of all bags for which processes are started."""
 
@@ -165,7 +165,9 @@ class _DatasetJob:
         self.warnings: list[str] = []
 
     def missing_bags(self, sources: list[BagSource]) -> list[tuple[BagSource, set[int]]]:
-        """Return the bags that the dataset lacks completely or partly, each with the numbers of its complete parts."""
+        """Return the bags of which the dataset has no files or not all files, each with the numbers of its complete
+        tasks.
+        """
         place_of = {digest(one.place): one.place for one in sources}
         files = find_task_files(self._out, possible_names(place_of.values()))
         known = {place_of[one.record.bag]: one.name for one in files if one.record.bag in place_of}
@@ -189,7 +191,10 @@ class _DatasetJob:
         return due
 
     def tasks(self, due: list[tuple[BagSource, set[int]]], run: TaskRunner) -> list[Task]:
-        """Return the tasks for the missing bags and parts; `run` reads large bags to find out where to split them."""
+        """Return the tasks for bags that are missing completely or partly.
+
+        The function `run` reads large bags to find out where to split them.
+        """
         tasks: list[Task] = []
         large: list[Task] = []
         complete_of = {one.place: complete for one, complete in due}
@@ -209,7 +214,7 @@ class _DatasetJob:
         return tasks
 
     def run(self, tasks: list[Task], run: TaskRunner) -> None:
-        """Run the tasks by the function `run`, and add their results to the report."""
+        """Run the tasks with the function `run`, and add their results to the report."""
         total, count = len(tasks), 0
         total_bytes, done_bytes, size = sum(task.size for task in tasks), 0, 0
 
@@ -259,9 +264,11 @@ class _DatasetJob:
 
 
 def select_runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[TaskRunner]:
-    """Return a context manager with the function that runs tasks: here, in local processes, or on a Dask scheduler.
+    """Return a context manager with the function that runs tasks: in this process, in local processes, or on a Dask
+    scheduler.
 
-    `sizes` has the stored bytes of the bags, which decide the number of processes if neither argument is set.
+    `sizes` has the stored bytes of the bags. They decide the number of processes if neither `scheduler` nor `workers`
+    is set.
     """
     if scheduler is None and workers is None and multiprocessing.current_process().daemon:
         workers = 1  # daemonic processes must not start processes
@@ -343,10 +350,11 @@ def _tag_or_time(info: Mapping[str, Any]) -> str:
 def names_of(
     places: Iterable[str], known: Mapping[str, str] | None = None, reserved: Collection[str] = ()
 ) -> dict[str, str]:
-    """Return the place of each bag by a unique name: the name of its file, with parent folders if necessary.
+    """Return the place (path or URL) of each bag by a unique name: the name of its file, with parent folders if
+    necessary.
 
     Args:
-        known: existing names by place, which are kept.
+        known: existing names by place, which stay the same.
         reserved: names that bags without a known name must not get.
     """
     known = known or {}

@@ -68,7 +68,7 @@ def local_processes(workers: int) -> Iterator[TaskRunner]:
 
 
 class _LocalProcesses:
-    """Pool of worker processes on this machine; if one ends unexpectedly, all are replaced."""
+    """Pool of worker processes on this machine; if one process ends unexpectedly, all are replaced."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -93,7 +93,10 @@ class _LocalProcesses:
     def _compute(
         self, function: TaskFunction, due: dict[str, Task], tasks: dict[str, Task], on_result: ResultFunction
     ) -> dict[str, Task]:
-        """Run `tasks`, and remove the completed ones from `due`; return the tasks that ran when a process crashed."""
+        """Run `tasks`, and remove completed tasks from `due`.
+
+        Returns the tasks that were running when a process crashed.
+        """
         import dask
         import loky
 

@@ -38,7 +38,7 @@ _EXITS = ("sys.exit", "builtins.exit", "builtins.quit")
 _MAX_CALLS = 12
 """Maximum depth of calls of functions that the setup.py defines; a deeper call has an unknown result."""
 _OBJECT_WORK = 50
-"""Work, in characters, for the memory of a list, generator or scope."""
+"""Work that a list, generator or scope of a setup.py counts as for its memory, in characters of text."""
 _HARMFUL = ("os.", "distutils.dir_util", "distutils.file_util", "distutils.spawn")
 _HARMLESS = ("os.environ", "os.getenv", "os.path", "os.access", "os.uname", "os.stat", "os.cpu_count", "os.getpid")
 
@@ -48,7 +48,7 @@ class Expressions(Variables):
 
     @abstractmethod
     def _run(self, body: Sequence[ast.stmt], scope: Scope) -> None:
-        """Execute the statements of a block in a scope."""
+        """Execute the statements of a block of setup.py with the variables of a scope."""
 
     def _value(self, node: ast.expr, scope: Scope) -> object:
         self._budget.step()
@@ -61,9 +61,9 @@ class Expressions(Variables):
         return Unknown(why, self._scoped_names(node, scope))
 
     def _attempt(self, compute: Callable[[], object], used: Iterable[object], what: str) -> object:
-        """Return the result of `compute`, or `Unknown` if it raises `UncertainError`.
+        """Call `compute` and return its result; if it raises `UncertainError`, return `Unknown`.
 
-        The values `used` are then marked as uncertain, too.
+        In that case the values `used` are marked as uncertain, too.
         """
         try:
             return compute()
@@ -299,7 +299,10 @@ class Expressions(Variables):
     def _generated(
         self, generators: list[ast.comprehension], element: ast.expr, scope: Scope, source: Iterator[object], doubt: str
     ) -> Iterator[object]:
-        """Yield the elements of a comprehension; if `doubt` is not empty, none of them may exist, for this reason."""
+        """Yield the elements of a comprehension in setup.py.
+
+        If `doubt` is not empty, it is the reason why none of them may exist.
+        """
         here, *others = generators
         for one, why in self._each(source, doubt):
             self._budget.step()
@@ -424,7 +427,10 @@ class Expressions(Variables):
         return self._call(function, args.items, words, name)
 
     def _call(self, function: object, args: list[object], words: Words, name: str = "a function") -> object:
-        """Return the result of calling a function value: `Unknown` if the reader does not understand the function."""
+        """Return the result of calling a function in setup.py.
+
+        The result is `Unknown` if the reader does not understand the function.
+        """
         if isinstance(function, FunctionValue):
             return self._call_function(function, args, words, name)
         try:
@@ -449,7 +455,10 @@ class Expressions(Variables):
         return self._unknown_call(function, [function, *args], words, name)
 
     def _unknown_call(self, function: object, used: list[object], words: Words, name: str) -> Unknown:
-        """Return the unknown result of calling unknown code, which may change its arguments and all they reach."""
+        """Return an unknown value as result of calling code that is not understood.
+
+        The code may change its arguments and everything they refer to, so these become uncertain.
+        """
         is_harmless = isinstance(function, Unknown) and function.is_harmless
         why = self._at(f"{name}()") if name else str(getattr(function, "why", ""))
         names = self._reach(function, *used, *words.values())
@@ -510,7 +519,10 @@ class Expressions(Variables):
         return FunctionValue(node, scope, defaults, keyword_defaults)
 
     def _record(self, words: Words, why: str) -> None:
-        """Record a call of `setup` with its arguments' current values; `why` is the reason if it may not happen."""
+        """Record a call of setuptools' `setup` with the current values of its arguments.
+
+        `why` is the reason if it may not happen.
+        """
         given = {name: known_part(value, self._budget) for name, value in words.items() if value is not None}
         commands = words.get("cmdclass")
         if isinstance(commands, DictValue) and commands.why:  # any command may be in it

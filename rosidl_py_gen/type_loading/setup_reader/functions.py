@@ -1,7 +1,7 @@
-"""Functions and methods that a setup.py may call, for a reader that does not run it.
+"""Functions and methods that a setup.py may call, implemented for a reader that does not run the file.
 
-They compute with known values only, spend the budget before they create a value, and read only files of the package. A
-call that is not understood raises `UncertainError`.
+The functions compute with known values only, spend work of the package's budget before they create a value, and read
+only files of the package. A call that is not understood raises `UncertainError`.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ _CONSTANTS: dict[str, object] = {
 }
 _PERCENT = re.compile(r"%([sd%])")
 MAX_INT = 10**12
-"""Maximum number that the reader computes, so that numbers and their texts are short."""
+"""Maximum absolute value of numbers that the reader of setup.py computes, so that numbers and their texts are short."""
 _TEXT_METHODS = {
     *("strip", "lstrip", "rstrip", "startswith", "endswith", "lower", "upper", "title", "capitalize", "removeprefix"),
     *("removesuffix", "split", "rsplit", "splitlines", "partition", "rpartition", "find", "rfind", "index", "isdigit"),
@@ -223,7 +223,10 @@ class Functions:
         return self._checked(method, [base, *args], words)
 
     def extend(self, target: ListValue, more: object, doubt: str) -> None:
-        """Append the elements of a value to a list; a reason `doubt`, or an unknown element, makes it uncertain."""
+        """Append the elements of a value to a list in setup.py.
+
+        The list becomes uncertain for a reason `doubt`, or by an unknown element.
+        """
         for element in [*self._iterate(more)] if more is target else self._iterate(more):
             if isinstance(element, Gap):
                 target.why = target.why or element.why
@@ -233,7 +236,7 @@ class Functions:
         target.why = target.why or doubt
 
     def joined(self, parts: Iterable[str], separator: str = "") -> str:
-        """Return the parts joined to a text; the work for its characters is spent before."""
+        """Return texts joined to one text, after spending the work for its characters."""
         texts = [*parts]
         self._budget.spend(sum(map(len, texts)) + len(separator) * len(texts))
         return separator.join(texts)
@@ -429,7 +432,10 @@ class Functions:
         return FileValue(_known(self._folder.read(_text(path)), self._folder.changes))
 
     def _open_by_codec(self, path: object, mode: object = "r", encoding: object = None) -> FileValue:
-        """Return a file that `codecs.open` opens; raises `UncertainError` if `open` would have other line ends."""
+        """Return the file that `codecs.open` opens in setup.py.
+
+        Raises `UncertainError` if the builtin `open` would read other line ends.
+        """
         file = self._open(path, mode, encoding=encoding)
         text = self._folder.read(_text(path), keeps_line_ends=True) or ""
         if encoding is not None and ("\r" in text or text.splitlines(keepends=True) != self.lines(text)):
@@ -447,7 +453,10 @@ class Functions:
         return wrapped(self.lines(self._file_read(file, doubt=doubt)))
 
     def lines(self, text: str) -> list[str]:
-        """Return the lines of a text, divided only at line feeds as in a file; `splitlines` knows more separators."""
+        """Return the lines of a text, split only at line feeds as in a file.
+
+        The method `str.splitlines` would split at more characters.
+        """
         self._budget.spend(len(text) + 16 * text.count("\n"))
         *lines, last = text.split("\n")
         return [*(f"{line}\n" for line in lines), *([last] if last else [])]
@@ -469,7 +478,10 @@ class Functions:
         return text.replace(old, new)
 
     def _text_format(self, text: str, *args: object, **words: object) -> str:
-        """Return `text.format(...)`; raises `UncertainError` for fields with attributes or format specifications."""
+        """Return `text.format(...)` for a setup.py.
+
+        Raises `UncertainError` for fields with attributes or format specifications.
+        """
         texts: list[str] = []
         count = 0
         self._budget.spend(4 * len(text))
@@ -700,7 +712,7 @@ class Functions:
 
 
 def _text(value: object) -> str:
-    """Return a text or path as a text; raises `UncertainError` for another value."""
+    """Return a text or path of setup.py as a text; raises `UncertainError` for another value."""
     if isinstance(value, str | PurePosixPath):
         return str(value)
     raise UncertainError(getattr(value, "why", "") or "a path that is not a text")

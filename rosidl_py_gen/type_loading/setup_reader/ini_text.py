@@ -48,7 +48,7 @@ def parse_ini(text: str) -> dict[str, dict[str, str]]:
 
 
 def _option(line: str) -> tuple[str, str]:
-    """Return name and value of an option line; ("", "") if the line has no delimiter."""
+    """Return name and value of an option line in an INI file; both are "" if the line has no delimiter."""
     positions = [position for position in (line.find("="), line.find(":")) if position >= 0]
     if not positions:
         return "", ""

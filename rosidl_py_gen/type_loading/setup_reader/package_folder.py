@@ -1,7 +1,9 @@
-"""Files of a package as `glob`, `os.walk`, `pathlib` and `find_packages` return them, for a reader of setup.py.
+"""Files of a package as `glob`, `os.walk`, `pathlib` and `find_packages` return them, for a reader that does not run
+setup.py.
 
-The order is the order of the operating system. Links to folders are followed once, and only inside the package folder;
-a `Gap` represents the files behind other links. All accesses spend the budget of the package.
+The order is the order of the operating system. Links to folders are followed once, and only inside the package folder.
+A `Gap` stands for unknown files, for example in a folder to which another link leads. All accesses spend the budget of
+the package.
 """
 
 from __future__ import annotations
@@ -21,9 +23,10 @@ _MAGIC = re.compile(r"[*?[]")
 _MAX_PATH = 4096
 """Maximum characters of a path in a setup.py: PATH_MAX of Linux."""
 _DEPTH_WORK = 200
-"""Work, in characters, for each folder in a path when the path is resolved."""
+"""Work that each folder in a path counts as when the path is resolved, in characters of text."""
 PATTERN_WORK = 40
-"""Work, in characters, of one character of a file pattern, which becomes a regular expression."""
+"""Work that one character of a file pattern counts as, in characters of text; a pattern becomes a regular expression.
+"""
 
 
 class PackageFolder:
@@ -42,7 +45,7 @@ class PackageFolder:
         self.changes = ""
 
     def place(self, path: str) -> str | None:
-        """Return a path of setup.py relative to the package folder; None if it is outside of the folder."""
+        """Return a path in setup.py relative to the package folder; None if the path is outside of the folder."""
         if len(path) > _MAX_PATH or "\0" in path:
             return None
         top = self._top(path)
@@ -77,9 +80,9 @@ class PackageFolder:
         return text if keeps_line_ends else text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does
 
     def check(self, kind: str, path: str) -> bool | None:
-        """Return `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` of a path; None if the result is not known.
+        """Return the result of `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` for a path in setup.py.
 
-        The path may be outside of the package folder, or files may change.
+        Returns None if the result is not known, because the path is outside of the package folder or files may change.
         """
         place = self.place(path)
         if place is None or self.changes:
@@ -92,13 +95,15 @@ class PackageFolder:
         return bool(getattr(os.path, kind)(file))
 
     def names(self, path: str) -> Iterator[str | Gap]:
-        """Yield the names that `os.listdir` returns for a folder, and a `Gap` for unknown ones."""
+        """Yield the names that `os.listdir` returns for a folder; a `Gap` stands for unknown names."""
         place = self.place(path)
         yield from self._gap()
         yield from (entry if isinstance(entry, Gap) else entry[0] for entry in self.entries(place, path))
 
     def walk(self, top: str) -> Iterator[ListValue | Gap]:
-        """Yield the tuples of `os.walk`, and a `Gap` for unknown ones; the caller may change the lists of folders."""
+        """Yield the tuples of `os.walk`; a `Gap` stands for unknown ones. The caller may change the lists
+        of folders.
+        """
         yield from self._gap()
         waiting = [(top, self.place(top))] if top else []
         while waiting:
@@ -119,7 +124,10 @@ class PackageFolder:
                     waiting.append((posixpath.join(top, name), posixpath.normpath(posixpath.join(place, name))))
 
     def glob(self, pattern: str, is_recursive: bool, all_names: bool = False) -> Iterator[str | Gap]:
-        """Yield the paths of `glob.glob`, and a `Gap` for unknown ones; with `all_names`, hidden files are included."""
+        """Yield the paths that `glob.glob` returns; a `Gap` stands for unknown paths.
+
+        With `all_names`, hidden files are included.
+        """
         yield from self._gap()
         base, shown = ".", ""
         top = self._top(pattern)
@@ -136,7 +144,10 @@ class PackageFolder:
         yield from filter(None, _Glob(self, is_recursive, all_names).matches(shown, base, parts))
 
     def glob_paths(self, top: PurePosixPath, pattern: str) -> Iterator[PurePosixPath | Gap]:
-        """Yield the paths of `pathlib.Path.glob`, which follows no links below ``**``, and a `Gap` for unknown ones."""
+        """Yield the paths that `pathlib.Path.glob` returns, which follows no links below ``**``.
+
+        A `Gap` stands for unknown paths.
+        """
         if pattern.endswith("**") or pattern.startswith("/") or self.place(str(top)) is None:
             yield Gap(f"the pattern {pattern[:80]}")
             return
@@ -153,7 +164,10 @@ class PackageFolder:
                 yield PurePosixPath(path)
 
     def packages(self, where: str, excluded: list[str], included: list[str], is_namespace: bool) -> Iterator[str | Gap]:
-        """Yield the names of `setuptools.find_packages` or `find_namespace_packages`, and a `Gap` for unknown ones."""
+        """Yield the names that `setuptools.find_packages` or `find_namespace_packages` returns.
+
+        A `Gap` stands for unknown names.
+        """
         yield from self._gap()
         top = self.place(where)
         if top is None:
@@ -192,9 +206,9 @@ class PackageFolder:
         return real if self._is_inside(real) else None
 
     def entries(self, place: str | None, shown: str) -> Iterator[tuple[str, bool] | Gap]:
-        """Yield the names in a folder, each with True for a folder; nothing if the folder cannot be read.
+        """Yield the names in a folder, each with True if it is a folder; yield nothing if the folder cannot be read.
 
-        Yields a `Gap` for a folder outside of the package.
+        A `Gap` stands for the names in a folder outside of the package.
         """
         if place is not None and place.count("/") >= MAX_FOLDER_DEPTH:
             yield Gap(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
@@ -241,7 +255,10 @@ class _Glob:
         self._followed: set[str] = set()
 
     def matches(self, shown: str, place: str, parts: list[str]) -> Iterator[str | Gap]:
-        """Yield the paths, prefixed by `shown`, of files below the folder `place` that match the parts of a pattern."""
+        """Yield the files below the folder `place` whose path matches the parts of a pattern.
+
+        Each path gets the prefix `shown`.
+        """
         part, *rest = parts
         if part == "**" and self._is_recursive:
             yield from self._below(shown, place, rest)
@@ -275,7 +292,10 @@ class _Glob:
                 yield from self.matches(f"{shown}{name}/", below, rest)
 
     def _enter(self, place: str, name: str) -> str | None:
-        """Return the path of a subfolder to search; None for a link out of the package, or to a searched folder."""
+        """Return the path of a subfolder that the search should enter.
+
+        Returns None for a link out of the package, or a folder searched before.
+        """
         below = posixpath.normpath(posixpath.join(place, name))
         path = os.path.join(self._folder.path, below)
         if not os.path.islink(path):

@@ -21,7 +21,8 @@ from rosidl_py_gen.type_loading.setup_reader.values import Gap
 _MAX_TOML = 64 << 10
 """Maximum characters of a pyproject.toml."""
 _INSTALLED = ("data_files", "entry_points", "scripts", "packages", "py_modules", "package_dir")
-"""Arguments of `setup` that justify running a setup.py if they are uncertain and running is allowed."""
+"""Arguments of setuptools' `setup` that determine installed files. If one is uncertain, setup.py is run, provided that
+running is allowed."""
 RunSetup = Callable[[Path, str], SetupArguments]
 """Function that runs the setup.py in a folder, for a reason, and returns its arguments; raises `RosidlError`."""
 
@@ -49,7 +50,7 @@ class PackageSetup:
     problems: list[str] = field(default_factory=list)
 
     def texts(self, name: str) -> list[str]:
-        """Return the known texts in the list that is the value of an argument."""
+        """Return the known texts in a list-valued argument of `setup`."""
         value = self.values.get(name)
         value = value.replace(",", " ").split() if name == "scripts" and isinstance(value, str) else value
         return [one for one in value if isinstance(one, str)] if isinstance(value, list) else []
@@ -209,7 +210,9 @@ def _scripts_folder(sections: Mapping[str, Any]) -> str:
 
 
 def _complete(found: PackageSetup, given: dict[str, Any]) -> None:
-    """Add the arguments that `found` has no value for, as setuptools completes the arguments of setup.py."""
+    """Add values from `found` for missing arguments of `setup`, by the rules of setuptools for setup.cfg and
+    pyproject.toml.
+    """
     for name, value in given.items():
         if not found.values.get(name):
             found.values[name] = value
@@ -227,7 +230,10 @@ def _packages(folder: PackageFolder, finder: dict[str, Any], is_namespace: bool)
 
 
 def _data_files(folder: PackageFolder, rows: dict[str, list[str]]) -> list[list[object]]:
-    """Return rows of data files with their file patterns resolved: target folder and paths, None for unknown ones."""
+    """Return data files as pairs of target folder and paths, with file patterns resolved.
+
+    A part that is not known is None.
+    """
     found: list[list[object]] = []
     for place, patterns in rows.items():
         paths = (path for pattern in patterns for path in folder.glob(pattern, True))
@@ -236,7 +242,7 @@ def _data_files(folder: PackageFolder, rows: dict[str, list[str]]) -> list[list[
 
 
 def _groups(points: object) -> dict[str, list[str]]:
-    """Return entry points, given as one INI text, or as texts or lists by group, as known lines by group."""
+    """Return the known entry points as lines by group, from one INI text, or from texts or lists by group."""
     groups: dict[str, list[str]] = {}
     if isinstance(points, str):
         lines: list[str] = []
@@ -251,7 +257,10 @@ def _groups(points: object) -> dict[str, list[str]]:
 
 
 def _entry_lines(given: object) -> Iterator[str]:
-    """Yield the lines of entry points without comments, from a text, or texts in lists and keys of dicts."""
+    """Yield the lines of entry points without comments.
+
+    The value may be a text, a list of texts, or a dict with texts as keys.
+    """
     if isinstance(given, str):
         stripped = (line.strip() for line in given.splitlines())
         yield from (line for line in stripped if line and not line.startswith("#"))

@@ -1,10 +1,12 @@
 """Reader of the arguments of `setup` in a setup.py, from its syntax tree without running it.
 
-An interpreter executes the statements in their order, with values that it knows. It understands functions of the file,
-loops over known elements, and common functions for paths, texts and lists. It knows its limits:
+An interpreter executes the statements in their order, with the values that it knows. It understands functions of the
+file, loops over known elements, and common functions for paths, texts and lists. Values that it cannot determine are
+marked as uncertain:
 
-- A statement or call that it does not understand makes all values uncertain that the statement can reach by its names.
-- A branch whose condition is unknown is executed with a doubt: the values that it changes become uncertain.
+- A statement or call that the interpreter does not understand makes all values uncertain that the statement can reach
+  by its names.
+- A branch whose condition is unknown is executed, but the values that it changes become uncertain.
 - A list that is uncertain keeps its known elements.
 
 So an argument is either right, or marked as uncertain with a reason.
@@ -30,11 +32,12 @@ MAX_BYTES = 128 << 10
 ARGUMENTS = ("data_files", "packages", "package_dir", "py_modules", "scripts", "entry_points", "name", "version")
 """Arguments of `setup` that decide which files are installed."""
 _COMMANDS = {"install", "install_data", "install_scripts", "install_lib", "build", "build_py", "develop"}
-"""Commands of setuptools that a build runs; a setup.py that replaces one may install more files."""
+"""Commands of setuptools that a build runs. A setup.py that replaces one of them may install other files than its
+arguments state."""
 
 
 class SetupSyntaxError(RosidlError):
-    """Error of a setup.py that is not Python, nested too deeply, or too long."""
+    """Error of a setup.py that is not valid Python, is nested too deeply, or is too long."""
 
 
 @dataclass
@@ -51,7 +54,9 @@ class SetupArguments:
 
 
 def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArguments:
-    """Return the arguments of `setup` in a setup.py; if reading takes too much work, only their literal parts.
+    """Return the arguments of `setup` in a setup.py.
+
+    If reading takes too much work, only their literal parts are known.
 
     Raises:
         SetupSyntaxError: the text is not Python, nested too deeply, or too long.
@@ -74,7 +79,9 @@ def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArgume
 
 
 def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
-    """Return the arguments of several calls of `setup` merged: lists and dicts are joined, other values replaced."""
+    """Merge the arguments of several calls of `setup` and return the result: lists and dicts are joined, other values
+    replaced.
+    """
     found = SetupArguments()
     for call in calls:
         for name, value in call.items():
@@ -86,7 +93,10 @@ def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
 
 
 def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
-    """Return the literal parts of the arguments of all calls of `setup`; all are uncertain for the reason `why`."""
+    """Return the literal parts of the arguments of all calls of `setup`.
+
+    All arguments are uncertain, for the reason `why`.
+    """
     calls = []
     names = (*ARGUMENTS, "options")
     for node in ast.walk(tree):
@@ -96,7 +106,7 @@ def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
 
 
 def _literal(node: ast.expr) -> object:
-    """Return the value of a literal in a syntax tree, with None for parts that are not literals."""
+    """Return the value of a literal in a syntax tree; parts that are not literals become None."""
     match node:
         case ast.Constant(value=str() | int() as value):
             return value
@@ -160,7 +170,7 @@ class _Interpreter(Expressions):
         self._distrust(node, scope, why)
 
     def _doubtful(self, body: Sequence[ast.stmt], scope: Scope, why: str) -> None:
-        """Execute statements that may not be executed, or may be executed repeatedly, for the reason `why`."""
+        """Execute statements of setup.py that may be skipped or repeated when it runs, for the reason `why`."""
         self._doubts.append(why)
         try:
             self._run(body, scope)
@@ -246,7 +256,10 @@ class _Interpreter(Expressions):
         return Unknown(f"the module {name}", is_harmless=root in ("numpy", "catkin_pkg", "torch"))
 
     def _own_import(self, name: str) -> str:
-        """Return the reason "the import of NAME", and doubt all files: a module of the package may change them."""
+        """Handle the import of a module of the package itself, which may change files: doubt all files.
+
+        Returns the reason, "the import of NAME".
+        """
         why = self._at(f"the import of {name or '.'}")
         self._folder.changes = self._folder.changes or why
         return why
@@ -284,7 +297,7 @@ class _Interpreter(Expressions):
         self._loop(node, scope, self._iterate(self._value(node.iter, scope)))
 
     def _loop(self, node: ast.For | ast.While, scope: Scope, elements: Iterator[object]) -> None:
-        """Execute the body of a loop for each element, and then its ``else`` block."""
+        """Execute the body of a loop in setup.py for each element, and then its ``else`` block."""
         self._loops.append(len(self._doubts))
         self._doubts.append("")
         try:
@@ -315,7 +328,10 @@ class _Interpreter(Expressions):
         self._loop(node, scope, self._tests(node.test, scope))
 
     def _tests(self, test: ast.expr, scope: Scope) -> Iterator[object]:
-        """Yield None as long as the test of a while loop is true; yield one `Gap` and stop if its truth is unknown."""
+        """Yield None for each pass of a while loop in setup.py.
+
+        If it is unknown whether the loop continues, yield one `Gap` and stop.
+        """
         while (result := self._truth(self._value(test, scope))) is not False:
             if isinstance(result, str):
                 yield Gap(result)
@@ -333,7 +349,10 @@ class _Interpreter(Expressions):
         self._leave(FunctionReturnError(value))
 
     def _leave(self, signal: _Break | _Continue | FunctionReturnError) -> None:
-        """Leave a loop or function by raising `signal`; if that may not happen, continue with a doubt instead."""
+        """Raise `signal`, which leaves a loop or function of setup.py.
+
+        If it is not certain that it is left, continue with a doubt instead.
+        """
         if isinstance(signal, FunctionReturnError):
             start = self._starts[-1] if self._starts else 0
             # Every loop of the call, and the call itself, may be left here.
@@ -396,7 +415,7 @@ class _Interpreter(Expressions):
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Return the target of an assignment as an expression that reads the target."""
+    """Return an expression in setup.py that reads the target of an assignment."""
     match target:
         case ast.Name(id=name):
             return ast.Name(name, ast.Load())
@@ -414,7 +433,9 @@ def _is_open(node: ast.expr) -> bool:
 
 
 def _merged(old: object, new: object) -> object:
-    """Return the value of an argument from two calls of `setup`: joined lists or dicts, else the new value."""
+    """Return the value of an argument that two calls of `setup` have: joined lists or dicts, else the value of the
+    second call.
+    """
     if isinstance(old, list) and isinstance(new, list):
         return old + new
     if isinstance(old, dict) and isinstance(new, dict):

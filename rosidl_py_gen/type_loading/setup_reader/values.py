@@ -1,7 +1,7 @@
 """Values of expressions in a setup.py that is read without running it.
 
-Texts, numbers, None, `range` and paths are their own values. Lists and dicts are objects with an identity, so that a
-change by one name is seen by the others. A value that is not known has a reason, which people can read.
+Texts, numbers, None, `range` and paths are represented by themselves. Lists and dicts are objects with an identity, so
+that a change by one name is seen by the others. A value that is not known has a reason, which is a text for people.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 
 PLAIN_TYPES = (str, int, float, type(None), range, PurePosixPath)
-"""Python types of values that have no parts and never change."""
+"""Python types of values in setup.py that have no parts and never change."""
 
 
 class UncertainError(RosidlError):
@@ -53,7 +53,7 @@ class DictValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewValue:
-    """View of the keys, values or items of a dict in a setup.py."""
+    """Result of `keys()`, `values()` or `items()` of a dict in a setup.py."""
 
     base: DictValue
     kind: str
@@ -61,7 +61,7 @@ class ViewValue:
 
 @dataclass(slots=True, eq=False)
 class IteratorValue:
-    """Iterator in a setup.py, which can be consumed once; its elements may be gaps."""
+    """Iterator in a setup.py, which can be consumed once; a `Gap` in it stands for unknown elements."""
 
     elements: Iterator[object]
 
@@ -84,7 +84,7 @@ class Known:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
-    """Method bound to a value in a setup.py."""
+    """Bound method in a setup.py: the method and the value to which it belongs."""
 
     base: object
     name: str
@@ -92,7 +92,7 @@ class Bound:
 
 @dataclass(slots=True, eq=False)
 class Scope:
-    """Variables of a module, function or comprehension in a setup.py.
+    """Scope in a setup.py: the variables of a module, function or comprehension.
 
     `redirected` has the names that ``global`` or ``nonlocal`` assign to an outer scope.
     """
@@ -103,7 +103,7 @@ class Scope:
     is_comprehension: bool = False
 
     def holder(self, name: str) -> Scope | None:
-        """Return the scope, this or an outer one, in which a variable has its value; None if no scope has it."""
+        """Return the scope, this scope or an outer one, in which a variable has its value; None if no scope has it."""
         scope: Scope | None = self
         while scope is not None:
             if name in scope.redirected:
@@ -144,7 +144,7 @@ class FunctionValue:
 
 
 def plain(value: object, budget: PackageBudget) -> object:
-    """Return a value of setup.py as a Python object; raises `UncertainError` if a part is not known."""
+    """Return a value of setup.py as a Python object; raises `UncertainError` if a part of the value is not known."""
     budget.step()
     if isinstance(value, PLAIN_TYPES):
         return value
@@ -159,7 +159,9 @@ def plain(value: object, budget: PackageBudget) -> object:
 
 
 def known_part(value: object, budget: PackageBudget) -> tuple[object, str]:
-    """Return a value of setup.py as a Python object with None for unknown parts, and the first reason or ""."""
+    """Return a value of setup.py as a Python object with None for unknown parts, and the reason for the first of them
+    or "".
+    """
     budget.step()
     if isinstance(value, PurePosixPath):
         return str(value), ""

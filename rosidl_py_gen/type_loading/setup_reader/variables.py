@@ -1,4 +1,4 @@
-"""Variables of a setup.py that is read without running it, and doubts about their values."""
+"""Variables of a setup.py that is read without running it, and the reasons why their values are uncertain."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
 
 
 class ProgramEndError(RosidlError):
-    """Signal that the setup.py ends here; the text is the reason."""
+    """Exception that ends the execution of a setup.py; the text is the reason."""
 
 
 class FunctionReturnError(RosidlError):
-    """Signal that a function of the setup.py returns `value`."""
+    """Exception that ends the execution of a function of setup.py, which returns `value`."""
 
     def __init__(self, value: object) -> None:
         self.value = value
@@ -67,16 +67,24 @@ class Variables:
         self._line = 0
 
     def _call(self, function: object, args: list[object], words: Words, name: str = "") -> object:
-        """Return the result of calling a function value with positional arguments and keyword arguments `words`."""
+        """Return the result of calling a function of setup.py with positional arguments and the keyword arguments
+        `words`.
+        """
         raise NotImplementedError
 
     def _doubt(self) -> str:
-        """Return the reason why the current statement may not be executed, or may be repeated; "" if it is certain."""
+        """Return the reason why the current statement of setup.py may be skipped or repeated.
+
+        Returns "" if it is certainly executed once.
+        """
         return self._lost or next(filter(None, self._doubts), "")
 
     @contextmanager
     def _doubting(self, why: str) -> Iterator[None]:
-        """Evaluate the block with a doubt: it may not be evaluated, for the reason `why`; "" means no doubt."""
+        """Evaluate the block as code that may be skipped when setup.py runs, for the reason `why`.
+
+        If `why` is empty, the block is evaluated as code that is not skipped.
+        """
         if why:
             self._doubts.append(why)
         try:
@@ -107,7 +115,7 @@ class Variables:
         return self._mentioned[id(node)][1]
 
     def _touch(self, value: object, why: str) -> None:
-        """Mark a value, and all values that can be reached from it, as uncertain for the reason `why`."""
+        """Mark a value of setup.py, and all values that can be reached from it, as uncertain for the reason `why`."""
         waiting = [value]
         visited: dict[int, object] = {}  # with the objects, so that no other object gets the number
         while waiting:
@@ -146,7 +154,9 @@ class Variables:
         return found
 
     def _forget_globals(self, node: ast.AST, why: str) -> None:
-        """Mark the module's variables as uncertain that a function assigns by ``global`` or ``nonlocal``."""
+        """Mark the module's variables that a function of setup.py assigns by ``global`` or ``nonlocal`` as
+        uncertain.
+        """
         for inner in ast.walk(node):
             self._budget.step()
             if isinstance(inner, ast.Global | ast.Nonlocal):
@@ -155,7 +165,7 @@ class Variables:
                         self._module.names[name] = self._joined(value, Unknown(why), why)
 
     def _distrust(self, node: ast.AST, scope: Scope, why: str) -> None:
-        """Mark all variables and values that a statement may change as uncertain for the reason `why`."""
+        """Mark all variables and values that a statement of setup.py may change as uncertain for the reason `why`."""
         for value in self._values_of((name, scope) for name in self._names_in(node)):
             self._touch(value, why)
         for inner in ast.walk(node):
@@ -166,7 +176,10 @@ class Variables:
                 holder.names[inner.id] = self._joined(value, Unknown(why), why)
 
     def _joined(self, old: object, new: object, why: str) -> object:
-        """Return the value of a variable that has one of two values; it is uncertain unless both are equal."""
+        """Return the value of a variable of setup.py after two branches.
+
+        It is uncertain unless both branches give the same value.
+        """
         if old is new or (isinstance(old, PLAIN_TYPES) and type(old) is type(new) and old == new):
             return new
         self._touch(old, why)
@@ -189,7 +202,9 @@ class Variables:
         return frozenset((name, scope) for name in names)
 
     def _reach(self, *values: object) -> Names:
-        """Return the names of the variables that unknown code may change if it gets these values."""
+        """Return the names of the variables that code which is not understood may change if these values are passed to
+        it.
+        """
         names: Names = frozenset()
         for value in values:
             if isinstance(value, Unknown):
@@ -205,9 +220,10 @@ class Variables:
         return names
 
     def _bind(self, name: str, value: object, scope: Scope, is_fresh: bool = False) -> None:
-        """Assign a value to a variable; with a doubt, the variable keeps its old value as a possibility.
+        """Assign a value to a variable of setup.py.
 
-        A fresh variable has no old value: it is the target of a loop or comprehension.
+        If the assignment may be skipped, the variable may also have its old value. A `fresh` variable has no old value:
+        it is the target of a loop or comprehension.
         """
         holder = scope.redirected.get(name, scope)
         why = self._doubt() if not is_fresh else ""
@@ -232,7 +248,7 @@ class Variables:
         return Unknown(f"the name {name}")
 
     def _truth(self, value: object) -> bool | str:
-        """Return bool() of a value that a setup.py computes; if unknown values decide that, the reason as a text."""
+        """Return the truth of a value of setup.py as a bool; if the truth is not known, return the reason as a text."""
         if isinstance(value, PLAIN_TYPES):
             return bool(value) if not isinstance(value, PurePosixPath) else True
         if isinstance(value, ListValue | DictValue) and not value.why:
@@ -281,7 +297,10 @@ class Variables:
             yield Gap(located(getattr(value, "why", "") or "an iteration", self._line))
 
     def _consume(self, value: IteratorValue) -> Iterator[object]:
-        """Yield the elements of an iterator; elements that are consumed with a doubt may still be in it."""
+        """Yield the elements of an iterator of setup.py.
+
+        If this may be skipped when setup.py runs, the elements may still be in it.
+        """
         while not (why := self._doubt()):
             self._budget.step()
             try:
@@ -303,7 +322,10 @@ class Variables:
         yield from others
 
     def _lines(self, file: FileValue) -> Iterator[object]:
-        """Yield the remaining lines of a file; lines that are read with a doubt may still be in it."""
+        """Yield the remaining lines of a file of setup.py.
+
+        If this may be skipped when setup.py runs, the lines may still be unread.
+        """
         if file.why:
             yield Gap(file.why)
             return
@@ -319,7 +341,10 @@ class Variables:
             yield file.text[start : file.position]
 
     def _each(self, source: Iterator[object], why: str = "") -> Iterator[tuple[object, str]]:
-        """Yield the elements of an iterator, each with the reason why it may be missing; after a gap, all may be."""
+        """Yield the elements of an iterator, each with the reason why it may be missing.
+
+        After unknown elements, every element may be missing.
+        """
         while True:
             with self._doubting(why):
                 element = next(source, self)

@@ -1,1 +1,1 @@
-"""Replacement of cv_bridge's C++ extension."""
+"""Replacement of cv_bridge's C++ extension, written in Python."""

@@ -24,7 +24,7 @@ _GENERIC_ENCODING = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]+))?")
 _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
 _CHANNELS.update({f"bayer_{order}": 1 for order in ("rggb", "bggr", "gbrg", "grbg")})
 _PACKED = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
-"""Encoding with two bytes for each pixel -> index of the byte with the brightness."""
+"""Index of the byte with the brightness, by encoding, for encodings with two bytes for each pixel."""
 _INT_LIMIT = 2.0**31
 
 
@@ -59,7 +59,7 @@ def opencv() -> Any:
 
 
 def _depth_bits() -> int:
-    """Return the number of bits that the depth has in a type number of OpenCV: 3, or 5 from OpenCV 5 on."""
+    """Return the number of low bits that hold the depth in a type number of OpenCV: 3, or 5 from OpenCV 5 on."""
     cv2 = opencv()
     return 3 if cv2 is None else int(cv2.CV_8UC2).bit_length() - 1
 
@@ -81,7 +81,7 @@ def CV_MAT_DEPTHWrap(i: int) -> int:
 
 
 def cvtColor2(image: Any, encoding_in: str, encoding_out: str) -> Pixels:
-    """Return a copy of the pixels in another encoding; raise RuntimeError if that is not possible."""
+    """Return a copy of pixels converted to another encoding; raise RuntimeError if the conversion is not possible."""
     pixels = np.asarray(image)
     if encoding_out in ("", encoding_in):
         copy: Pixels = pixels.copy()

@@ -20,7 +20,9 @@ _SOURCE_CHANGES = (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVA
 
 
 def watch_jumps(clock: BaseClock, on_jump: Callable[[TimeJump], None]) -> JumpHandle:
-    """Call a function after each jump forward and each change of the source of time; the handle ends that."""
+    """Call a function after each jump forward and each change of the source of time, until the returned handle is
+    unregistered.
+    """
     threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
     return clock.create_jump_callback(threshold, post_callback=on_jump)
 
@@ -90,7 +92,9 @@ class AsyncClock(BaseClock):
 
 
 def _call_in_loop(future: asyncio.Future[None], function: Callable[[asyncio.Future[None]], None]) -> None:
-    """Call a function with a future in the thread of the future's loop; another thread may have changed the time."""
+    """Call a function with a future in the thread of the future's event loop, because another thread may have changed
+    the time.
+    """
     loop = future.get_loop()
     if loop is asyncio._get_running_loop():
         function(future)

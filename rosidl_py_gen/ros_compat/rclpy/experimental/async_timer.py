@@ -67,7 +67,10 @@ class AsyncTimer(BaseTimer):
         self._rosidl_notify()
 
     def _rosidl_notify(self) -> None:
-        """Make the task of the timer check again when the timer is due. Thread: any."""
+        """Make the task of the timer check again when the timer is due, because the schedule has changed.
+
+        Thread: any.
+        """
         loop = self._rosidl_loop
         if loop is None or loop is asyncio._get_running_loop():
             self._rosidl_change.set()

@@ -1,4 +1,7 @@
-"""Name of rclpy's events executor; here all executors react to events, and this one runs callbacks in one thread."""
+"""Module with the name of rclpy's events executor.
+
+Here all executors react to events, and this one runs callbacks in one thread.
+"""
 
 import faulthandler
 import typing

@@ -1,4 +1,4 @@
-"""Attributes that accept certain values only."""
+"""Attributes that accept only values of certain types."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ _T = TypeVar("_T")
 
 
 def checked_attribute(name: str, value: _T, member: str) -> _T:
-    """Return the value of an attribute that programs may set; raise TypeError if it does not have `member`."""
+    """Return a value that a program stores in an attribute of rclpy.
+
+    Raise TypeError if the value has no attribute `member`.
+    """
     if hasattr(value, member):
         return value
     text = f"{name} is an attribute of rclpy, and {value!r:.100} has no {member!r}"
@@ -17,7 +20,7 @@ def checked_attribute(name: str, value: _T, member: str) -> _T:
 
 
 class Checked(Generic[_T]):
-    """Field that is stored in the slot `_name`; setting another type raises AssertionError.
+    """Descriptor of a field that is stored in the slot `_name`; setting a value of another type raises AssertionError.
 
     Args:
         kinds: accepted types.

@@ -58,7 +58,10 @@ class ActionEndpoints(Destroyable):
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
-        """Return a context manager that prevents the destruction, and raises RCLError after a shutdown."""
+        """Return a context manager that prevents the destruction of the endpoints in its block.
+
+        It raises RCLError after a shutdown.
+        """
         with self:
             try:
                 yield
@@ -95,7 +98,7 @@ class ActionWaitable(Waitable):
             self._rosidl_endpoints = ActionEndpoints(node.handle, action_name)
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Add nothing, because arrivals wake up the executor."""
+        """Add nothing to the wait set of the executor, because arrivals wake up the executor."""
 
     def __enter__(self) -> None:
         self._rosidl_endpoints.__enter__()

@@ -1,4 +1,4 @@
-"""Tasks of the entities of asyncio nodes: each task takes the items that arrive, and calls the callback."""
+"""Tasks of the entities of asyncio nodes. Each task takes the items that arrive, and calls the entity's callback."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rclpy.handles import Handle
 
 TaskGroup: Any = getattr(asyncio, "TaskGroup", None)
-"""Class `asyncio.TaskGroup`; None in Python 3.10, for which type checkers check the module, too."""
+"""Class `asyncio.TaskGroup`; None in Python 3.10, which lacks it, so that type checkers accept this module there."""
 
 
 class Arrivals:

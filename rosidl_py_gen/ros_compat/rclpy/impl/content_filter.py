@@ -85,7 +85,8 @@ class ContentFilterError(RCLError):
 class _Operand(NamedTuple):
     kind: _Kind
     get: Callable[[Any], Any]
-    """Function that returns the operand's value for a message; None if an array of the message has no such element."""
+    """Function that returns the operand's value for a message; None if an array of the message is too short for the
+    operand's index."""
     is_field: bool
 
 
@@ -340,7 +341,10 @@ def _matcher(pattern: str) -> Callable[[str], bool]:
 
 
 def _literal(token: _Token) -> _Operand | None:
-    """Return the constant operand for a token of an expression; None if the token is not a value."""
+    """Return the operand for a constant in a filter expression, given as a token.
+
+    Returns None if the token is not a constant.
+    """
     value: bool | int | float | str
     kind: _Kind
     if token.kind == "word" and token.text in ("TRUE", "FALSE", "true", "false"):
@@ -373,7 +377,7 @@ def _getter(steps: Sequence[tuple[str, int | None]]) -> Callable[[Any], Any]:
 
 
 def _rounded(operand: _Operand) -> Callable[[Any], Any]:
-    """Return a function like the operand's `get` whose result is rounded to a 32-bit float."""
+    """Return a function like the `get` of an operand, with its result rounded to a 32-bit float."""
     if operand.kind == "float32":
         return operand.get
 
@@ -432,7 +436,7 @@ class FilteredMessages:
             return False
 
     def is_ready(self) -> bool:
-        """Return True if messages can be taken or filtered."""
+        """Return True if accepted messages can be taken, or received messages have not been filtered yet."""
         return bool(self._accepted) or self._subscription.is_ready
 
     def take(self) -> tuple[Any, runtime.MessageInfo] | None:

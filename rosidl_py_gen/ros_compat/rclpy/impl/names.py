@@ -64,7 +64,8 @@ _RULES: dict[str, tuple[Callable[[str], NameFault | None], dict[NameRule, str]]]
         },
     ),
 }
-"""Kind of name -> function of the runtime that checks it, and the text of rcl or rmw for each rule."""
+"""Rules by kind of name: the function of rosidl_py_gen.runtime that checks the name, and the error text of rcl or rmw
+for each rule."""
 _VALID_IN_RCL_ONLY = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
 """Pattern of names that only rcl accepts: ``~x``, which it expands as ``~/x``, and ``{}``, which it refuses later."""
 
@@ -96,7 +97,10 @@ def name_error(kind: str, name: str) -> tuple[str, int] | None:
 
 
 def require_valid(kind: str, name: str, error: Callable[[str, str, int], Exception]) -> Literal[True]:
-    """Return True for a valid name; for others raise the exception that `error` makes of name, reason and index."""
+    """Return True for a valid name.
+
+    For an invalid name raise the exception that `error` makes of name, reason and index.
+    """
     fault = name_error(kind, name)
     if fault is not None:
         raise error(name, *fault)

@@ -1,4 +1,4 @@
-"""Requests that wait for their responses, of clients of services and actions."""
+"""Requests of service and action clients that wait for their responses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class PendingRequests:
-    """Unanswered requests of one client of the runtime, by sequence number. Thread: any.
+    """Unanswered requests of one client of rosidl_py_gen.runtime, by sequence number. Thread: any.
 
     Args:
         client: client that sends the requests.
@@ -42,7 +42,8 @@ class PendingRequests:
     def send(self, request: Any, subject: Any = None) -> Future[Any]:
         """Send a request, and return the future of its response.
 
-        The caller of `take` gets future, `subject` and response, and must set the result of the future.
+        `subject` is any object; `take` returns it together with the future and the response. The caller of `take` must
+        set the result of the future.
         """
         future: Future[Any] = Future()
         response_future = self.client.send_request(request)
@@ -89,7 +90,7 @@ class PendingRequests:
 
 
 def wait_until_done(future: Future[Any], timeout_sec: float | None = None) -> bool:
-    """Wait for a future while an executor in another thread runs; return False if the time has passed."""
+    """Wait for a future while an executor in another thread runs; return False if `timeout_sec` has passed."""
     event = threading.Event()
     future.add_done_callback(lambda _: event.set())
     return event.wait(timeout_sec)

@@ -17,11 +17,14 @@ from rosidl_py_gen import runtime
 runtime.print_logs()  # rclpy's loggers print before `rclpy.init`, too
 
 _internal_callers = [__file__, os.path.join(os.path.dirname(os.path.dirname(__file__)), "logging.py")]
-"""Parts of paths of files whose frames are not call sites; wrappers of loggers may add their own paths."""
+"""Parts of paths that mark a frame as internal, so it is not reported as call site; wrappers of loggers may add their
+own paths."""
 
 
 def _find_caller(frame: FrameType) -> tuple[FrameType, int]:
-    """Return the first frame from here upwards that is not internal, and the number of frames below it."""
+    """Return the stack frame that called the logger: the first one upwards that is not internal, and the number of
+    frames below it.
+    """
     depth = 0
     while frame.f_back is not None and any(part in frame.f_code.co_filename for part in _internal_callers):
         frame = frame.f_back
@@ -55,7 +58,7 @@ class LoggingFilter:
 
     @classmethod
     def initialize_context(cls, context: dict[str, Any], **kwargs: Any) -> None:
-        """Store the options of the first logging call at a call site."""
+        """Store the options of the first logging call at a call site in the context of the call site."""
         for param, default in cls.params.items():
             context[param] = kwargs.get(param, default)
 
@@ -114,7 +117,7 @@ class SkipFirst(LoggingFilter):
 supported_filters: OrderedDict[str, type[LoggingFilter]] = OrderedDict(
     throttle=Throttle, skip_first=SkipFirst, once=Once
 )
-"""Filters by name, in the order of their evaluation."""
+"""Filters of logging calls by name, in the order of their evaluation."""
 
 
 def get_filters_from_kwargs(**kwargs: Any) -> list[str]:

@@ -1,4 +1,4 @@
-"""Lifecycle nodes."""
+"""Lifecycle nodes, their publishers and managed entities, as in rclpy."""
 
 from rclpy._rclpy_pybind11 import TransitionCallbackReturnType
 from rclpy.lifecycle.managed_entity import ManagedEntity, SimpleManagedEntity

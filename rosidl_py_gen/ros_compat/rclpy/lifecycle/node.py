@@ -31,13 +31,13 @@ _CALLBACKS = {
     "deactivating": "on_deactivate",
     "errorprocessing": "on_error",
 }
-"""Transition state -> name of the node's method that runs in the state."""
+"""Names of the node's methods by the transition state in which they run."""
 _TransitionTuple = tuple[int, str, int, str, int, str]
 """Transition as a tuple: id and label of the transition, of its start state and of its goal state."""
 
 
 class LifecycleStateMachine:
-    """State of a lifecycle node; calls `on_transition` with each transition."""
+    """State machine of a lifecycle node, which calls `on_transition` with each transition."""
 
     initialized = True
 

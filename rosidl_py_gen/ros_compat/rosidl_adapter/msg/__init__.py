@@ -1,4 +1,4 @@
-"""Table of the IDL types for the types in .msg files."""
+"""Table of the IDL type names for the types of .msg files."""
 
 MSG_TYPE_TO_IDL = {
     "bool": "boolean",

@@ -3,7 +3,7 @@
 This module uses only what the headers of Cyclone promise; `private_layout.py` uses private structures. Handles and
 addresses are plain integers.
 
-The Python classes of `cyclonedds` are not used: they do not tell which reader triggered a WaitSet, hold the GIL in
+The Python classes of `cyclonedds` are not used: they do not report which reader triggered a WaitSet, hold the GIL in
 write and take, and are never deleted if they are part of a reference cycle (docs/internals/protocol.md 11.4).
 """
 
@@ -22,16 +22,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.runtime.transport.api import TransportError
 
 _set_handler = import_module("_signal").signal
-"""Set a signal handler: `signal.signal` without its Python wrapper, which costs 7 us for each reply."""
+"""Function that sets a signal handler: `signal.signal` without its Python wrapper, which would cost 7 us for each
+reply."""
 
 TIMEOUT = -10
 PRECONDITION_NOT_MET = -4
 NOT_ALLOWED_BY_SECURITY = -13
 SAMPLE_NOT_CONSUMED = frozenset({-3, -9, -12})
-"""Return codes of `dds_writecdr` after which the caller still owns its reference to the sample."""
+"""Return codes of `dds_writecdr` after which the caller still owns its reference to the sample and must release it."""
 SAMPLE_WITH_DATA = 2
 DCPS_PARTICIPANT = 0x7FFF0001
-"""Pseudo handle of the builtin topic of participants; DCPS_PUBLICATION and DCPS_SUBSCRIPTION are for endpoints."""
+"""Fixed handle with which a reader of the builtin topic of participants is created; DCPS_PUBLICATION and
+DCPS_SUBSCRIPTION are for endpoints."""
 DCPS_PUBLICATION = 0x7FFF0003
 DCPS_SUBSCRIPTION = 0x7FFF0004
 
@@ -110,7 +112,7 @@ _KINDS = dict(
         strict=True,
     )
 )
-"""C type for each letter of a function signature: `i:up` takes a uint32 and a pointer and returns an int32."""
+"""C types by letter of a function signature: `i:up` takes a uint32 and a pointer and returns an int32."""
 _FUNCTIONS = {
     "i:us": "dds_create_domain",
     "i:upp": "dds_create_participant",
@@ -158,12 +160,12 @@ _WITH_GIL = {
     "u:p": "ddsi_serdata_size",
     "-:pzzp": "ddsi_serdata_to_ser",
 }
-"""C functions for samples by signature. Calls hold the GIL: they never block, and reacquiring it costs more than the
-call."""
+"""C functions for samples by signature. Calls hold the GIL: they never block, and acquiring the GIL again would cost
+more than the call."""
 _WITHOUT_CONVERSION = ("dds_takecdr",)
 _SYMBOLS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
 _OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances", "-:pp": "dds_set_log_sink"}
-"""C functions that not every version of Cyclone has: 0.10 lacks the first two, 11.0 the last."""
+"""C functions that not every version of Cyclone has: version 0.10 lacks the first two, version 11.0 the last."""
 MIN_VERSION = "0.10"
 """First version of Cyclone DDS that has all of `REQUIRED_SYMBOLS`."""
 REQUIRED_SYMBOLS = (*" ".join([*_FUNCTIONS.values(), *_WITH_GIL.values()]).split(), *_WITHOUT_CONVERSION, *_SYMBOLS)
@@ -194,7 +196,7 @@ class CycloneApi:
         self.copy_large = _function(library, "ddsi_serdata_from_ser_iov", "p:pizpz")
         self.drop_large = _function(library, "ddsi_serdata_unref", "-:p")
         self.sertype_version: int = ct.cast(library["ddsi_sertype_v0"], ct.c_void_p).value or 0
-        """First entry of the vtable of every sertype (type object)."""
+        """Number that is the first entry of the function table of every sertype, Cyclone's object for a type."""
 
     if TYPE_CHECKING:
 
@@ -242,7 +244,8 @@ class CycloneApi:
 
 
 def call_with_sigint_deferred(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of Cyclone that may call our functions; handle SIGINT after it has returned.
+    """Call a function of Cyclone that may call Python functions, and delay the handling of SIGINT until it has
+    returned.
 
     Python runs signal handlers in the main thread, in the next Python function. If a handler raises in a function that
     C has called, C gets an undefined result.

@@ -1,4 +1,4 @@
-"""Configuration of Cyclone DDS as XML text, from the settings of a context.
+"""Configuration of Cyclone DDS as XML text, made from the settings of a context.
 
 Source: docs/internals/protocol.md 10.6, 11.6.
 """
@@ -26,16 +26,16 @@ DEFAULT_CONFIG = (
     "<NackDelay>20ms</NackDelay></Internal><Compatibility><IgnoreTypeInformation>"
     f"{','.join(f'1.{vendor}' for vendor in range(2, 33))}</IgnoreTypeInformation></Compatibility>"
 )
-"""XML below ``<Domain>`` for every domain; CYCLONEDDS_URI of the user overrides it.
+"""Configuration, as XML inside ``<Domain>``, of every domain; elements of the user's CYCLONEDDS_URI override it.
 
 - Receive buffer: the kernel grants at most net.core.rmem_max. With Cyclone's default of 1 MiB a fifth of 6 MB images
   was lost on loopback, with 4 MiB none.
 - Heartbeat interval and NACK delay 20 ms (Cyclone's default: 100 ms): with 10 % packet loss, messages of 200 kB take
   1.5 ms instead of 200 ms (median). The same holds for a first request that is sent before the client is discovered.
   Unanswered heartbeats become rare as with the default.
-- Type information of peers of all vendors is ignored: our endpoints have none to compare it with. Cyclone considers
-  definitions of arrays and sequences of Kilted's Fast DDS invalid when it receives a peer's request for them, and then
-  ignores all endpoints of these types.
+- Type information of peers of all vendors is ignored, because endpoints of this package have no type information to
+  compare it with. Cyclone considers definitions of arrays and sequences of Kilted's Fast DDS invalid when it receives a
+  peer's request for them, and then ignores all endpoints of these types.
 """
 _LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 _LOOPBACK_INTERFACE = '<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces>'
@@ -44,11 +44,11 @@ _LOOPBACK_INTERFACE = '<Interfaces><NetworkInterface address="127.0.0.1" multica
 def cyclone_xml(
     settings: DomainSettings, *, process_id: int, extra: str = "", last: str = "", unsupported: Collection[str] = ()
 ) -> str:
-    """Return the configuration of a domain: our XML, then CYCLONEDDS_URI, whose elements override ours. May be empty.
+    """Return the configuration of a domain: this package's XML, then CYCLONEDDS_URI, whose elements override it.
 
-    `extra` and `last` are XML below ``<Domain>`` before and after the user's XML. `unsupported` are the members of
-    `OPTIONAL_ELEMENTS` to omit. In localhost and off mode multicast is disabled again at the end, so that a
-    CYCLONEDDS_URI that was written for another mode cannot enable it.
+    The result may be empty. `extra` and `last` are XML inside ``<Domain>`` before and after the user's XML.
+    `unsupported` are the members of `OPTIONAL_ELEMENTS` to omit. In localhost and off mode multicast is disabled again
+    at the end, so that a CYCLONEDDS_URI that was written for another mode cannot enable it.
     """
     fragments = []
     body = _domain_elements(settings, process_id, IGNORE_TYPE_INFORMATION not in unsupported) + extra

@@ -29,12 +29,14 @@ from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
 
 _BATCH = 64
-"""Length of all arrays for samples of a builtin reader: Cyclone 0.10 writes as many pointers as it has ever lent."""
+"""Length of the arrays into which samples of a builtin reader are read. All have this length, because Cyclone 0.10
+writes as many pointers as it has ever lent."""
 _MAX_LOST_HANDLES = 4096
-"""Maximum number of handles of lost endpoints to retain: last samples of these endpoints may still be in a queue."""
+"""Maximum number of handles of lost endpoints that are remembered, because last samples of these endpoints may still be
+in a queue."""
 _ALIVE = 16
 _UNREAD = 2 | 4 | 8 | _ALIVE
-"""State mask of samples that were not read yet, in any view state, of alive instances."""
+"""State mask that selects samples of alive instances that were not read yet, whatever their view state."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """Unpack instance_state, valid_data and instance_handle from a dds_sample_info_t (64 bytes)."""
 _BUILTIN_PREFIX = "DCPS"
@@ -79,12 +81,14 @@ class BuiltinTopicReaders:
         fast_dds.on_builtin_reader(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.report_lock = threading.RLock()
-        """Lock held from reading events until the sink has applied them: without a loop, several threads report."""
+        """Lock that is held from reading events until the sink has applied them, because without a loop several threads
+        report."""
         self._lock = threading.RLock()
-        """Lock of the builtin readers; not held while the sink runs, because a sink may call functions of the user."""
+        """Lock of the builtin readers. It is not held while the sink runs, because a sink may call functions of the
+        user."""
         self._is_stopped = False
         self.guids: dict[int, bytes] = {}
-        """GUIDs of discovered endpoints by local handle; `endpoint_guid` finds those that are missing here."""
+        """GUIDs of discovered endpoints by local handle; `endpoint_guid` finds GUIDs that are missing here."""
         self._lost_handles: deque[int] = deque()
 
     def _loaned_samples(
@@ -207,7 +211,7 @@ class BuiltinTopicReaders:
         ]
 
     def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
-        """Return the GUID of the endpoint with a local handle, which is matched with `entity`; None if unknown.
+        """Return the GUID of the endpoint that has a local handle and is matched with `entity`; None if it is unknown.
 
         If the endpoint's discovery event was not read yet, Cyclone is queried.
         """

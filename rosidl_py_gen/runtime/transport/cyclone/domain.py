@@ -1,6 +1,6 @@
-"""DDS domains of this process, their topics, and the sertypes (type objects) of Cyclone that the topics share.
+"""DDS domains of this process, their topics, and the type objects (sertypes) of Cyclone that topics share.
 
-A domain is configured once and shared by its participants. There is one sertype for each domain and type while the
+A domain is configured once and shared by its participants. There is one type object for each domain and type while the
 domain is open.
 """
 
@@ -23,20 +23,21 @@ from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsInterop, FastDdsSupport
 
 _MAX_TYPE_CHARS = 255
-"""Maximum length of a type name: a limit of earlier versions and maybe of peers."""
+"""Maximum length of the name of a type in DDS; earlier versions of Cyclone, and perhaps peers, have this limit."""
 # One opaque type represents every ROS type (docs/internals/dds.md 1). A true description of a PointCloud2 takes 3 ms to
 # build, does not exist for wstrings, and makes Cyclone drop invalid samples (bool 2, missing NUL) silently. Opaque
 # samples arrive and are counted.
 _OPS = (ct.c_uint32 * 3)(0x01010000, 0, 0)
-"""Serializer program of ``struct opaque { octet data; }``: an octet at offset 0, end."""
+"""Serializer program of Cyclone for ``struct opaque { octet data; }``: an octet at offset 0, then the end."""
 
 
 class Sertype(NamedTuple):
-    """Type object of Cyclone for one type in one domain, by its address."""
+    """Type object (sertype) of Cyclone for one type in one domain, given by its address in memory."""
 
     address: int
     payload_offset: int | None
-    """Offset of the payload in a sample; None if payloads must be copied by Cyclone."""
+    """Offset of the serialized message in a sample of Cyclone in memory; None if Cyclone must copy the message out of a
+    sample."""
 
 
 class Sertypes:
@@ -95,7 +96,7 @@ class Sertypes:
         return address.value
 
     def __getitem__(self, dds_type: str) -> Sertype:
-        """Return the type object of a DDS type for which a topic was created."""
+        """Return the type object of a DDS type; `create_topic` must have created a topic of this type."""
         return self._known[dds_type]
 
     def close(self) -> None:
@@ -109,9 +110,10 @@ class Sertypes:
 # -------------------------------------------------------------------------------------------------------------- domains
 
 _CLOSE_TIMEOUT_S = 5.0
-"""Maximum time that `wait_for_others` waits, in seconds."""
+"""Maximum time in seconds that `wait_for_others` waits for other threads."""
 _CLOSE_POLL_INTERVAL_S = 0.001
-"""Interval in which `wait_for_others` polls, in seconds: a notification would cost more than a write."""
+"""Interval in seconds in which `wait_for_others` checks for other threads; a notification by each write would cost more
+than the write."""
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 _FIRST_UNICAST_PORT = 10
@@ -119,9 +121,10 @@ _PORTS_PER_INDEX = 2
 
 
 def wait_for_others(threads: list[int]) -> None:
-    """Wait until the list of thread ids has no other id than that of this thread, or the maximum time has passed.
+    """Wait until a list of thread ids contains no id of another thread, or the maximum time has passed.
 
-    A signal handler may close a context during a write of its own thread, which never ends while the handler waits.
+    The id of the calling thread does not count: a signal handler may close a context while its own thread is writing,
+    and this write never ends while the handler waits.
     """
     end_s, thread_id = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
     while any(other != thread_id for other in tuple(threads)) and time.monotonic() < end_s:
@@ -144,9 +147,10 @@ class Domain:
         self._enclave_folder = enclave_folder
         self._users = 0
         self.is_closing = False
-        """True when no participant uses the domain any more; it is deleted when no thread writes."""
+        """True when no participant uses the domain any more; the domain is deleted as soon as no thread writes."""
         self.writing: list[int] = []
-        """Ids of threads that write a sample or delete an endpoint, and so use types and memory of the domain."""
+        """Ids of the threads that are writing a sample or deleting an endpoint, which use types and memory of the
+        domain."""
         self._end_lock = threading.Lock()
         self._has_ended = False
         self.fast_dds = FastDdsInterop(support)
@@ -169,7 +173,9 @@ class Domain:
     def join(
         cls, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> Domain:
-        """Return the domain, configured with `xml` unless it is open already. Every `join` needs a `leave`.
+        """Open the domain with the configuration `xml`, unless it is open already, and return it.
+
+        Every `join` needs a `leave`.
 
         Raises:
             SecurityError: the domain is open with another enclave, or only one of the open domain and this call is
@@ -205,7 +211,7 @@ class Domain:
             return domain
 
     def leave(self) -> None:
-        """Undo one `join`; the last `leave` waits for other threads that write, and deletes the domain."""
+        """Undo one call of `join`; the last call waits for other threads that write, and deletes the domain."""
         with Domain._lock:
             self._users -= 1
             if self._users == 0:

@@ -1,7 +1,7 @@
 """Writers and readers of the DDS transport, by plain C calls of Cyclone DDS.
 
-A write creates a sample of Cyclone from bytes and writes it. A reader takes samples in batches; payloads are copied,
-large ones are exposed as views. Source: docs/internals/dds.md 9.
+A write creates a sample of Cyclone from bytes and writes it. A reader takes samples in batches. Small payloads are
+copied; large payloads are exposed as views that share memory with Cyclone. Source: docs/internals/dds.md 9.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
 
 LARGE_BYTES = 500_000
-"""Size from which a message needs large socket buffers."""
+"""Size in bytes from which a message needs large socket buffers."""
 ENOUGH_SOCKET_BYTES = 4 << 20
-"""Size of a socket buffer that is enough for large messages: with 4 MiB, 6 MB images at 30 Hz arrived completely on
-loopback; with 1 MiB a fifth of them did not."""
+"""Size in bytes of a socket buffer that is enough for large messages: with 4 MiB, 6 MB images at 30 Hz arrived
+completely on loopback; with 1 MiB a fifth of them did not."""
 _LIMIT_FILE = Path("/proc/sys/net/core/rmem_max")
 
 _has_warned = False
@@ -63,11 +63,12 @@ def warn_about_socket_buffers(size_bytes: int) -> None:
 
 
 _BATCH = 32
-"""Maximum number of samples per take. A larger number helps only with deeper queues; each sample costs 72 bytes."""
+"""Maximum number of samples that one call takes from a reader. A larger number helps only with deeper queues; each
+sample costs 72 bytes."""
 _ANY_STATE = 127
 _LARGE_SAMPLE_BYTES = 65536
-"""Size from which a written sample is copied into Cyclone without the GIL, and a received sample is not copied but
-exposed as a view; the sample is freed with its last view."""
+"""Size in bytes from which a written sample is copied into Cyclone without the GIL. A received sample of this size is
+not copied but exposed as a view; the sample is freed with its last view."""
 
 _OFFERED = {
     "deadline": ("offered_deadline_missed", 1),
@@ -80,7 +81,8 @@ _REQUESTED = {
     "message_lost": ("sample_lost", 1),
     "matched": ("subscription_matched", 1),
 }
-"""DDS status for each event of a reader, and number of its total counts; `_OFFERED` has the events of a writer."""
+"""Number of a DDS status, and of its total counts, by name of an event of a reader; `_OFFERED` has the events of a
+writer."""
 
 _by_reference = ct.byref
 _address = ct.c_void_p
@@ -89,14 +91,19 @@ _one = ct.c_size_t(1)
 _time_ns = time.time_ns
 _get_thread_id = threading.get_ident
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
-"""Unpack valid_data, source timestamp and publication handle from a dds_sample_info_t (64 bytes)."""
+"""Function that unpacks valid_data, source timestamp and publication handle from the bytes of a dds_sample_info_t (64
+bytes)."""
 _local_lock = threading.Lock()
 local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
-"""Readers of this process by domain id and DDS topic; `CycloneWriter.write` makes them take the sample at once."""
+"""Readers of this process by domain id and DDS topic. `CycloneWriter.write` makes them take a written sample at once.
+"""
 
 
 class _CycloneEndpoint:
-    """Common part of writers and readers; `entity` is 0 after `close`, `topic` and `type` are names of DDS."""
+    """Base of the writers and readers of the DDS transport.
+
+    `entity` is 0 after `close`, `topic` and `type` are names of DDS.
+    """
 
     _statuses: Mapping[str, tuple[str, int]]
 
@@ -119,9 +126,10 @@ class _CycloneEndpoint:
         return self._api.counts(self.entity, *self._statuses[event])
 
     def _delete(self, entity: int) -> None:
-        """Delete the endpoint, unless its participant or the domain is being deleted, which deletes the endpoint.
+        """Delete the endpoint, unless its participant or the domain is being deleted, which deletes the endpoint as
+        well.
 
-        The deletion of the participant and of the domain wait for this call.
+        Deleting the participant or the domain waits for this call.
         """
         owner, domain, thread_id = self._owner, self._owner.domain, _get_thread_id()
         # Announced before `is_deleted` and `is_closing` are read: this call sees them, or the other thread waits.
@@ -240,8 +248,8 @@ class CycloneWriter(_CycloneEndpoint):
 class TakeBuffers:
     """Arrays into which Cyclone takes samples, shared by all readers of a participant. Lock: `lock` must be held.
 
-    A signal handler or a finalizer of the user may run during a take, in the same thread, and publish or close. So the
-    lock is reentrant, and `active_reader` is the reader that is taking.
+    While samples are taken, a signal handler or a finalizer of the user may run in the same thread, and publish or
+    close. So the lock is reentrant, and `active_reader` is the reader that is taking.
     """
 
     def __init__(self) -> None:
@@ -250,7 +258,8 @@ class TakeBuffers:
         self.samples: ct.Array[Any] = (ct.c_void_p * _BATCH)()
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
         self.arguments: tuple[Any, ...] = (ct.byref(self.samples), _BATCH, ct.byref(self.infos), _ANY_STATE)
-        """Arguments of `dds_takecdr` after the reader; converted once: the conversion takes longer than a take."""
+        """Arguments of `dds_takecdr` after the reader. They are converted to C values once, because the conversion
+        takes longer than a call."""
         self.info_bytes = memoryview(self.infos)
 
 
@@ -258,8 +267,8 @@ class CycloneReader(_CycloneEndpoint):
     """Reader of the DDS transport.
 
     Args:
-        first: for a reader of the second topic, to which publishers of Lyrical send buffers: the reader of the first
-            topic, whose queue and sink receive the samples.
+        first: for a reader of the second topic of a topic, on which publishers of Lyrical send messages with unbounded
+            arrays of bytes (buffers): the reader of the first topic, whose queue and sink receive the samples.
     """
 
     _statuses = _REQUESTED
@@ -280,7 +289,8 @@ class CycloneReader(_CycloneEndpoint):
         self.first = first
         self.sink: Sink | None = None
         self.buffer_spec: EndpointSpec | None = None
-        """Specification for creating `second` as soon as a publisher that sends buffers is discovered; else None."""
+        """Specification of the reader `second`, which is created as soon as a publisher that sends buffers is
+        discovered; else None."""
         self.second: CycloneReader | None = None
         """Reader of the second topic, to which publishers of Lyrical send messages with unbounded arrays of bytes.
 
@@ -357,7 +367,10 @@ class CycloneReader(_CycloneEndpoint):
         return has_samples
 
     def _view(self, sample: int, address: int, size: int) -> memoryview:
-        """Return a read-only view of a sample's payload; the sample is freed with its last view."""
+        """Return a read-only view of the serialized message in a sample of Cyclone.
+
+        The sample is freed with its last view.
+        """
         if size > LARGE_BYTES:
             self._large_bytes = size
         array = payload_array(address, size)

@@ -1,7 +1,8 @@
-"""Search for the C library of Cyclone DDS, libddsc, and advice on what to install if there is none.
+"""Search for the C library of Cyclone DDS, libddsc, and advice on what to install if none is found.
 
-The first candidate that loads and has all of `c_api.REQUIRED_SYMBOLS` is used, and loaded once. Another libddsc that
-this process loads has its own symbols; participants of the two do not discover each other in the process.
+The first candidate that loads and has all of `c_api.REQUIRED_SYMBOLS` is used, and loaded once. If the process loads
+another libddsc, each library has its own symbols; participants of the two libraries do not discover each other in the
+process.
 
 Source: docs/internals/dds.md 7.
 """
@@ -37,7 +38,8 @@ _WHEELS = {
     "rosidl_libddsc": ("lib",),
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),
 }
-"""Python packages that contain libddsc, and its folders in them. cyclonedds has another copy, for compilers."""
+"""Python packages that contain libddsc, and the folder of libddsc in each. cyclonedds has another copy, for compilers.
+"""
 LIBRARY_COMMAND = "rosidl-py-gen libddsc"
 """Command that installs libddsc from a wheel for another Python version."""
 _DEBIAN = "apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi OS)"
@@ -69,7 +71,10 @@ class LibraryWheel:
 
     @property
     def abi(self) -> str:
-        """ABI tag of the wheel for pip, which would select wheels for free-threaded Python if it runs on one."""
+        """ABI tag of the wheel for pip.
+
+        Without it, pip would select wheels for free-threaded Python when it runs on such a Python.
+        """
         return f"cp{self.PYTHON.replace('.', '')}"
 
     @property

@@ -67,7 +67,7 @@ _security_log = SecurityLog(API)
 
 
 class CycloneTransport:
-    """Transport that joins DDS domains; it has no state."""
+    """Transport that joins DDS domains; the object has no state."""
 
     clocks = SYSTEM_CLOCKS
     has_security = True
@@ -122,16 +122,19 @@ class CycloneParticipant:
         self.domain_id = settings.domain_id
         self._closed = False
         self.is_deleted = False
-        """True from the moment on when `close` deletes the participant, and with it all endpoints that are left."""
+        """True from the moment at which `close` starts to delete the participant, and with it all remaining endpoints.
+        """
         self.deleting: list[int] = []
-        """Ids of threads that delete an endpoint."""
+        """Ids of the threads that are deleting an endpoint of the participant."""
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
         self.readers: dict[int, CycloneReader] = {}
-        """Readers by entity, which is the handle that Cyclone writes into `pipe`."""
+        """Readers of the participant by entity, the handle that Cyclone writes into `pipe` when the reader has samples.
+        """
         self._buffer_writers: dict[bytes, tuple[str, str]] = {}
-        """Topics and types whose publishers of Lyrical send buffers to a second topic.
+        """Topics, with their types, for which publishers of Lyrical send messages with unbounded arrays of bytes to a
+        second topic.
 
         The keys are the GUIDs of the writers of the second topic.
         """
@@ -141,7 +144,8 @@ class CycloneParticipant:
         self._security = security = _usable_security(settings.security)
         self._governance: Governance | None = None
         self._only_data_reason = ""
-        """Reason why secured Fast DDS peers do not receive some topics; empty if there is none, or it was logged."""
+        """Reason why secured Fast DDS peers do not receive some topics; empty if there is no reason, or if it was
+        logged already."""
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
@@ -193,7 +197,7 @@ class CycloneParticipant:
         return code
 
     def _report_soon(self) -> None:
-        """Make the loop log new texts of the security log, by a call of `BuiltinTopicReaders.report`.
+        """Make the loop log new texts of the security log soon, by scheduling a call of `BuiltinTopicReaders.report`.
 
         Called by Cyclone; must not raise, block or log.
         """
@@ -325,7 +329,10 @@ class CycloneParticipant:
 
     @contextmanager
     def _naming_denied(self, topic: str, *, is_writer: bool) -> Iterator[None]:
-        """Raise `SecurityError`, which names the topic, if security denies the endpoint created in the block."""
+        """Run a block that creates an endpoint.
+
+        If security denies the endpoint, raise `SecurityError` that names the topic.
+        """
         try:
             yield
         except TransportError as error:

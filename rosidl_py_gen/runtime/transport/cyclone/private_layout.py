@@ -1,10 +1,10 @@
 """Offsets in Cyclone's private structures, and functions that read and change these structures.
 
 Each offset is measured by a probe of the loaded library: an object with known content is examined, and exactly one
-place must agree with it. Otherwise the probe returns None, and the caller disables its feature.
+place must contain this content. Otherwise the probe returns None, and the caller disables its feature.
 
-Memory is read through a pipe (`SafeMemoryReader`) if it may be unmapped; directly at addresses that a C function
-returned; and directly where an object of the same kind was read through the pipe before. In the third case the content
+Memory that may be unmapped is read through a pipe (`SafeMemoryReader`). Memory is read directly at addresses that a C
+function returned, and where an object of the same kind was read through the pipe before. In the latter case the content
 is compared with expectations before anything is changed.
 
 What each structure is needed for, and what happens without it: docs/internals/cyclone_memory.md 1 to 9.
@@ -30,21 +30,23 @@ if TYPE_CHECKING:
 Vtable: TypeAlias = "ct.Array[ct.c_void_p]"
 WORD = ct.sizeof(ct.c_void_p)
 TYPE_FUNCTIONS = 0
-"""Offset in a sertype (type object of Cyclone) of the address of the sertype's own vtable."""
+"""Offset in a sertype (type object of Cyclone) at which the address of the sertype's function table (vtable) is stored.
+"""
 SAMPLE_FUNCTIONS = WORD
-"""Offset in a sertype of the address of the vtable of its samples."""
+"""Offset in a sertype (type object of Cyclone) at which the address of the function table (vtable) of its samples is
+stored."""
 _VTABLE_WORDS = 17
-"""Number of functions of a vtable to copy. Some vtables are shorter; the words after them do no harm."""
+"""Number of functions of a vtable that are copied. Some vtables are shorter; the additional words do no harm."""
 _PROBED_SLOTS = 20
 _TYPE_DOMAIN = 40
-"""Offset in a sertype of the address of its domain."""
+"""Offset in a sertype (type object of Cyclone) at which the address of its domain is stored."""
 _ENTITY_BYTES = 2048
 _READER_BYTES = 1024
 _DOMAIN_BYTES = 16384
 _PAGE = 4096
 _PROBE_SAMPLE = bytes.fromhex("00010000") + bytes(range(65, 81))
 DATA = 0x15
-"""Kind of an RTPS submessage; DATA_FRAG, INFO_SRC and INFO_DST are others."""
+"""Number of the RTPS submessage kind DATA; DATA_FRAG, INFO_SRC and INFO_DST are further kinds."""
 DATA_FRAG = 0x16
 INFO_SRC = 0x0C
 INFO_DST = 0x0E
@@ -52,16 +54,18 @@ DATA_BYTES = 24
 DATA_FRAG_BYTES = 36
 INLINE_QOS_FLAG = 2
 _received_fragment = struct.Struct("=Q16xHH")
-"""Fields of a received fragment of Cyclone: address of the packet, offsets of submessage and payload in the packet."""
+"""Struct layout of the first fields of a received fragment of Cyclone: address of the packet, offsets of submessage and
+payload in the packet."""
 _RECEIVED_HEAD_BYTES = 48
 _packet_head = struct.Struct("=8xQQi4xQ")
-"""Fields before the iovec in a packet that Cyclone builds: capacity, size, presence of parameters, message or null."""
+"""Struct layout of the fields before the iovec in a packet that Cyclone builds: capacity, size, presence of parameters,
+message or null."""
 _PACKET_SIZE = 16
-"""Offset of the size of the submessages in a packet that is being built."""
+"""Offset, in a packet that Cyclone is building, of the field with the size of the submessages."""
 _PACKET_DATA_HEAD_BYTES = 40
 _sequence_number = struct.Struct("<iI").unpack_from
 _SEQUENCE_NUMBER_OFFSET = 15
-"""Distance of a sample's sequence number from the flags of its submessage."""
+"""Distance in bytes between the flags of a submessage and the sequence number of its sample."""
 _POINTER_OFFSETS = range(16, 472, WORD)
 """Distances from the iovec at which Cyclone may store the address of the data of a packet that is being built."""
 _READER_KIND = (5).to_bytes(4, "little")
@@ -70,10 +74,10 @@ _REQUESTS_HISTORY_FLAG = 2
 _AnyFunction = ct.PYFUNCTYPE(ct.c_void_p, *[ct.c_void_p] * 4)
 
 bytes_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
-"""Return a copy of the memory at an address: `ctypes.string_at` without its Python wrapper."""
+"""Function that returns a copy of the memory at an address: `ctypes.string_at` without its Python wrapper."""
 _immortal_vtables: dict[tuple[int, int, int | None], Vtable] = {}
 _direct_reader = nullcontext(bytes_at)
-"""Context manager for plain memory access, used instead of a `SafeMemoryReader` after an object of the same kind was
+"""Context manager for reading memory directly. It replaces a `SafeMemoryReader` after an object of the same kind was
 read through one."""
 
 
@@ -93,7 +97,10 @@ class SafeMemoryReader:
         os.close(self._write_end)
 
     def __call__(self, address: int, size: int) -> bytes:
-        """Return the `size` bytes at an address, or fewer: up to the first unmapped byte."""
+        """Return the `size` bytes at an address.
+
+        If some of them are unmapped, the result has only the bytes before the first unmapped byte.
+        """
         data = b""
         while len(data) < size and os.name == "posix":
             begin = address + len(data)
@@ -106,7 +113,7 @@ class SafeMemoryReader:
         return data
 
     def words(self, address: int, size: int) -> tuple[int, ...]:
-        """Return the `size` bytes at an address as integers of pointer size, up to the first unmapped one."""
+        """Return the `size` bytes at an address as integers of pointer size, up to the first unmapped integer."""
         data = self(address, size)
         count = len(data) // WORD
         return struct.unpack(f"={count}{'Q' if WORD == 8 else 'I'}", data[: count * WORD])
@@ -121,9 +128,9 @@ class SafeMemoryReader:
 
 
 def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, version: int) -> int | None:
-    """Return the word that is the address of the sertype `name`; None if there is none.
+    """Return the first of some words that is the address of the sertype (type object of Cyclone) `name`.
 
-    The vtable of a sertype begins with `version`.
+    Returns None if there is none. The vtable of a sertype begins with `version`.
     """
     for address in words:
         # Most words are no pointers: only aligned addresses are followed, through the pipe.
@@ -135,40 +142,43 @@ def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, versio
 
 
 def probe_sertype(entity: int, name: bytes, version: int) -> int | None:
-    """Return the address of the sertype `name`, to which an entity has a pointer; None if not found.
+    """Return the address of the sertype (type object of Cyclone) `name`, to which an entity has a pointer.
 
-    `entity` is the address of the entity; the vtable of a sertype begins with `version`.
+    Returns None if not found. `entity` is the address of the entity; the vtable of a sertype begins with `version`.
     """
     with SafeMemoryReader() as peek:
         return _find_type(peek, peek.words(entity, _ENTITY_BYTES), name, version)
 
 
 def find_type_of_domain(neighbour: int, name: bytes, version: int) -> int | None:
-    """Return the address of a builtin sertype in the domain of the sertype `neighbour`; None if not found."""
+    """Return the address of a builtin sertype (type object of Cyclone) in the domain of the sertype `neighbour`.
+
+    Returns None if not found.
+    """
     with SafeMemoryReader() as peek:
         return _find_type(peek, peek.words(peek.word(neighbour + _TYPE_DOMAIN), _DOMAIN_BYTES), name, version)
 
 
 def vtable_address(type_object: int, which: int) -> int:
-    """Return the address of a vtable of a sertype; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
+    """Return the address of a function table of a sertype; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
     return ct.c_void_p.from_address(type_object + which).value or 0
 
 
 def copy_vtable(type_object: int, which: int) -> Vtable:
-    """Return a copy of a vtable of a sertype; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
+    """Return a copy of a function table of a sertype; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
     with SafeMemoryReader() as peek:
         return (ct.c_void_p * _VTABLE_WORDS)(*peek.words(vtable_address(type_object, which), WORD * _VTABLE_WORDS))
 
 
 def set_vtable(type_object: int, which: int, table: Vtable) -> None:
-    """Replace a vtable of a sertype. The caller must retain the new vtable until the process ends."""
+    """Replace a function table of a sertype. The caller must keep the new table alive until the process ends."""
     ct.c_void_p.from_address(type_object + which).value = ct.addressof(table)
 
 
 def replace_vtable_function(type_object: int, which: int, slot: int, function: int | None) -> None:
-    """Replace a vtable of a sertype by a copy with another function in a slot.
+    """Replace a function table of a sertype by a copy in which one function is different.
 
-    The copy is never freed. Sertypes that had the same vtable get the same copy.
+    The copy is never freed. Sertypes that had the same table get the same copy.
     """
     # Written: the address of the vtable. Cyclone's own vtable is constant memory of the library, and stays as it is.
     key = vtable_address(type_object, which), slot, function
@@ -182,7 +192,7 @@ def replace_vtable_function(type_object: int, which: int, slot: int, function: i
 
 
 class VtableSlots(NamedTuple):
-    """Indexes of the functions that hooks replace in Cyclone's vtables of samples and sertypes."""
+    """Indexes of the functions that hooks replace in Cyclone's function tables of samples and sertypes."""
 
     from_ser: int
     to_ser_ref: int
@@ -190,9 +200,9 @@ class VtableSlots(NamedTuple):
 
 
 def probe_vtable_slots(api: CycloneApi) -> VtableSlots | None:
-    """Return the slots of the functions that hooks replace in vtables of Cyclone; None if not found.
+    """Return the indexes of the functions that hooks replace in function tables of Cyclone; None if not found.
 
-    Cyclone is called with a fake object, whose vtables record which slot is called.
+    Cyclone is called with a fake object, whose function tables record which function is called.
     """
     called: list[tuple[int, int]] = []
     recorders = [
@@ -222,7 +232,7 @@ def new_sample(api: CycloneApi, type_object: int, data: bytes) -> int:
 
 
 def probe_payload_offset(api: CycloneApi, type_object: int) -> int | None:
-    """Return the offset of the payload in samples of a sertype; None if it is not constant.
+    """Return the offset of the serialized message in samples of a sertype; None if the offset is not constant.
 
     Calls functions of the sample, so it must be called before they are replaced.
     """
@@ -243,7 +253,7 @@ def probe_payload_offset(api: CycloneApi, type_object: int) -> int | None:
 
 
 def probe_size_offset(api: CycloneApi, type_object: int, payload_offset: int) -> int | None:
-    """Return the offset of the size field in samples of a sertype; None if not found.
+    """Return the offset of the size field in samples of a sertype; None if it is not found.
 
     The size field is the only word that equals the payload size minus 4 in a small and in a large sample. It is not
     found either if samples do not have the vtable of their sertype.
@@ -273,7 +283,7 @@ def hide_sample_tail(api: CycloneApi, sample: int, size_offset: int, count: int)
 
 
 def payload_array(address: int, size: int) -> ct.Array[ct.c_ubyte]:
-    """Return the payload at an address as an array, without a copy. The caller must keep the sample alive."""
+    """Return the bytes at an address as an array, without a copy. The caller must keep the sample of Cyclone alive."""
     return (ct.c_ubyte * size).from_address(address)
 
 
@@ -349,14 +359,15 @@ def _head_of_reader(guid: bytes) -> bytes:
 
 
 class PacketAccess:
-    """Access to received RTPS packets and to packets that Cyclone builds.
+    """Reader and changer of received RTPS packets and of packets that Cyclone builds, in Cyclone's memory.
 
     The first packet of each kind is read through the pipe of a `SafeMemoryReader`.
     """
 
     def __init__(self) -> None:
         self._pointer_offset: int | None = None
-        """Distance from the iovec to the address of the data of a packet that is being built; None if unknown."""
+        """Distance in bytes from the iovec to the address of the data of a packet that is being built; None if it is
+        unknown."""
         self._has_received = False
 
     def read_received(self, fragment: int) -> tuple[bytes, bytes]:
@@ -414,10 +425,10 @@ class PacketAccess:
 
 
 def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id: bytes) -> list[int]:
-    """Return the distances from an iovec to addresses of packets of a writer, the newest packet last.
+    """Return the distances from an iovec to addresses of packets of a writer, with the newest packet last.
 
-    The address of the packet that is being built is stored once. Others remain from earlier use of the memory; they may
-    be equal. Addresses of earlier packets are recognized by a lower sequence number.
+    The address of the packet that is being built is stored once. Addresses of earlier packets may remain in the memory,
+    even several times. They are recognized by a lower sequence number.
     """
     candidates = []
     for offset in _POINTER_OFFSETS:

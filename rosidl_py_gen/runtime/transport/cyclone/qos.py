@@ -20,7 +20,7 @@ _HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
 _DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
 _RELIABILITY = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
 _LIVELINESS = {Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_TOPIC: 2}
-"""Cyclone's number of each liveliness kind; the dicts above contain the numbers of the other policies."""
+"""Numbers of the liveliness kinds in Cyclone; other dicts of this module have the numbers of the other policies."""
 _UNLIMITED = -1
 _XCDR1 = (ct.c_int16 * 1)(0)
 
@@ -33,7 +33,9 @@ rmw_cyclonedds has infinity; the value does not influence matching (docs/interna
 
 @contextmanager
 def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes, bytes]] = ()) -> Iterator[int]:
-    """Yield a Cyclone QoS object with default policies, `user_data` as USER_DATA, and `properties` (name, value)."""
+    """Yield a Cyclone QoS object with default policies, with `user_data` as USER_DATA, and with `properties` (pairs of
+    name and value).
+    """
     qos = api.create_qos()
     try:
         if user_data:
@@ -88,7 +90,10 @@ def read_property(api: CycloneApi, qos: int, name: bytes) -> str:
 
 
 def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
-    """Return a copy of bytes that the library has allocated, and free them; with a size of -1, they end with a NUL."""
+    """Return a copy of bytes that the library has allocated, and free the original.
+
+    With size -1, the bytes end at a NUL.
+    """
     try:
         return ct.string_at(pointer, size) if pointer else b""
     finally:

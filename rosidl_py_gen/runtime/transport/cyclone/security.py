@@ -1,7 +1,8 @@
-"""DDS Security of a participant: plugins, properties, errors with a cause, governance rules, and rejected peers.
+"""DDS Security of a participant: plugins, properties, explained errors, governance rules, and rejected peers.
 
-Properties tell Cyclone DDS where the files of the enclave and the plugins are. While secured participants exist, a log
-sink receives the lines of Cyclone's log. Patterns are texts, which `re` compiles when a secured participant needs them.
+The properties of a participant contain the locations of the enclave's files and of the plugins. While secured
+participants exist, a log sink receives the lines of Cyclone's log. Patterns are texts, which `re` compiles when a
+secured participant needs them.
 
 Source: docs/internals/dds.md 10 to 12.
 """
@@ -79,15 +80,18 @@ _CAUSES = {
     "Failed to read CRL": "{folder}/crl.pem is not a list of revoked certificates; create it again",
     "Could not load": "the plugins of this library do not load; reinstall the package of the library",
 }
-"""Cause and fix of the failed creation of a secured participant, by pattern of a line that Cyclone logs.
+"""Causes of the failed creation of a secured participant with their fixes, by pattern of a line that Cyclone logs.
 
-``{folder}`` is the folder of the enclave.
+``{folder}`` stands for the folder of the enclave.
 """
 
 
 @cache
 def find_plugins(ddsc: DdscLibrary) -> dict[str, str] | str:
-    """Return the file of each security plugin by its name in properties; a text with the reason if there are none."""
+    """Return the file of each security plugin, by the plugin's name in properties.
+
+    If there are no plugins, the result is a text with the reason.
+    """
     if not ddsc.has_security:
         return f"{ddsc} was built without security; {library.security_advice()}"
     folder = Path(ddsc.file).parent
@@ -225,11 +229,11 @@ _MAX_PEERS = 100
 _MAX_RECORD_CHARS = 300
 _SUBJECT = r"; subject: (.*?)(?:\(code: \d+\))?$"
 _OPENSSL = r":?\s*(?<![0-9A-F])[0-9A-F]{8,}:error:.*"
-"""Pattern of OpenSSL errors, which contain an address that changes."""
+"""Regular expression for texts of OpenSSL errors, which contain an address that changes."""
 _CODE = r"\s*\(code: \d+\)\s*$"
 _GUID = r"\b[0-9a-f]{1,8}(?::[0-9a-f]{1,8}){3}\b"
 _SECURITY_FILES = ("security", "handshake")
-"""Parts of the names of Cyclone's source files that log about security."""
+"""Parts of the names of those source files of Cyclone that log about security."""
 _EARLY_PEER = "Remote secure participant"
 """Text in a log line about a peer that was received before the participant of this process exists.
 
@@ -247,7 +251,7 @@ _EXPLANATIONS = {
         "the certificate of the peer was issued by another CA"
     ),
 }
-"""Reason why a secured peer was rejected, by pattern of a line that Cyclone logs."""
+"""Reasons why a secured peer was rejected, by pattern of a line that Cyclone logs."""
 
 
 class LogData(ct.Structure):
@@ -274,14 +278,17 @@ class SecurityLog:
         self._lock = threading.Lock()
         """Lock of `_wakeups`; never held by the log sink."""
         self._wakeups: tuple[Callable[[], None], ...] = ()
-        """One function for each secured participant, which makes its loop call `new_records`."""
+        """Functions, one for each secured participant, that make the participant's loop call `new_records`."""
         self._captures: dict[int, list[str]] = {}
-        """Log lines by the id of the thread that logged them while it creates a participant."""
+        """Log lines of threads that are creating a participant, by the id of the thread."""
         self._peers: set[str] = set()
         self._records: deque[str] = deque()
 
     def open(self, wakeup: Callable[[], None]) -> None:
-        """Receive Cyclone's log lines, and call `wakeup` after a new record, until `close` with the same function."""
+        """Receive Cyclone's log lines until `close` is called with the same function.
+
+        Call `wakeup` after each new record.
+        """
         with self._lock:
             if not self._wakeups:
                 self._peers.clear()
@@ -291,7 +298,7 @@ class SecurityLog:
             self._wakeups = (*self._wakeups, wakeup)
 
     def close(self, wakeup: Callable[[], None]) -> None:
-        """Undo `open` with the same function; after the last `close`, no lines are received."""
+        """Undo a call of `open` with the same function; after the last `close`, no lines are received."""
         with self._lock:
             self._wakeups = tuple(one for one in self._wakeups if one != wakeup)
             if self._api.set_log_sink is not None:  # this also waits for a sink that still uses the old tuple
@@ -316,7 +323,7 @@ class SecurityLog:
         return records
 
     def _on_line(self, _: object, pointer: Any) -> None:
-        """Capture, record, ignore or print a line of Cyclone's log.
+        """Process a line of Cyclone's log: capture, record, ignore or print it.
 
         Called by Cyclone with a lock of its log held; must not raise, block or log.
         """

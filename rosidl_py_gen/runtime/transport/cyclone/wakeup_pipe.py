@@ -1,8 +1,8 @@
-"""Pipe by which DDS wakes up an event loop: it contains the handles of readers that have samples.
+"""Pipe with which DDS wakes up an event loop: Cyclone writes the handles of readers that have samples into it.
 
-The loop that watches `fileno` reads the pipe, or a thread where loops cannot watch pipes (Windows). A wake-up may be
-spurious: a writer of this process moves the samples that it delivers into the reader's queue, maybe before the loop
-does.
+The loop that watches `fileno` reads the pipe; on Windows, where loops cannot watch pipes, a thread reads it. A wake-up
+may find no samples: a writer in the same process moves the samples that it delivers into the reader's queue, maybe
+before the loop does.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterable
 from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 
 LOOPS_CAN_WATCH = os.name == "posix"
-"""True where event loops can watch pipes. Elsewhere a thread keeps the pipe empty, so it may be a blocking one."""
+"""True where event loops can watch pipes. Elsewhere a thread keeps the pipe empty, so writing to the pipe may block."""
 _MIN_PIPE_BYTES = 512
 """Minimum capacity of a pipe (PIPE_BUF of POSIX): a pipe with less content was not full."""
 _READ_BYTES = 4096
-"""Maximum size of a read. Python allocates as much for each read; a pipe with more content remains readable."""
+"""Maximum number of bytes in one read. Python allocates this size for each read; if the pipe contains more, it remains
+readable."""
 _handle = struct.Struct("i")
 
 # The C library that Python itself uses. On Windows the functions of POSIX have an underscore.
@@ -32,16 +33,20 @@ _fdopen = ct.CFUNCTYPE(_file, _int, ct.c_char_p)((f"{_prefix}fdopen", _libc))
 _setbuf = ct.CFUNCTYPE(None, _file, ct.c_void_p)(("setbuf", _libc))
 _fclose = ct.CFUNCTYPE(_int, _file)(("fclose", _libc))
 ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
-"""Return non-zero if a reader's handle did not fit into `WakeupPipe.stream`; the next `drain` reports that."""
+"""C function that returns non-zero if a reader's handle did not fit into `WakeupPipe.stream`; the next `drain` reports
+that."""
 _clearerr = ct.CFUNCTYPE(None, _file)(("clearerr", _libc))
 # Used as a listener of Cyclone, so that Cyclone's threads call the C library directly, without Python and the GIL.
 putw = ct.CFUNCTYPE(_int, _int, _file)((f"{_prefix}putw", _libc))
-"""Write a reader's handle into `WakeupPipe.stream`. Unlike a listener of Cyclone, `putw` returns an int; the calling
-conventions of all platforms of Cyclone allow that."""
+"""C function that writes a reader's handle into `WakeupPipe.stream`. Cyclone calls it as a listener. Unlike a listener
+it returns an int; the calling conventions of all platforms of Cyclone allow that."""
 
 
 class WakeupPipe:
-    """Pipe by which Cyclone wakes up the loop of one participant; its content is handles of readers. Thread: any."""
+    """Pipe with which Cyclone wakes up the event loop of one participant, by writing handles of readers.
+
+    Thread: any.
+    """
 
     def __init__(self) -> None:
         self._read_end, self._write_end = os.pipe()
@@ -56,7 +61,7 @@ class WakeupPipe:
         self._closed = False
         self._thread: threading.Thread | None = None
         self._handles: ReadyItems[int] = ReadyItems(has_pipe=False)
-        """Handles that the thread has read from the pipe."""
+        """Handles of readers that the reading thread has taken from the pipe."""
         if not LOOPS_CAN_WATCH:
             self.read_in_thread(None)
 
@@ -94,7 +99,7 @@ class WakeupPipe:
         return _unique_handles(data)
 
     def read_in_thread(self, notify: Callable[[], None] | None) -> None:
-        """Read the pipe in a thread from now on; the thread calls `notify` when `drain` has handles."""
+        """Start a thread that reads the pipe; the thread calls `notify` when `drain` has handles."""
         self._handles.set_wakeup(notify)
         if self._thread is None:
             if LOOPS_CAN_WATCH:
@@ -108,7 +113,10 @@ class WakeupPipe:
                 self._handles.put(handle)
 
     def close(self) -> None:
-        """Close the pipe, and wait for the end of the thread that reads. No listener may use the stream any more."""
+        """Close the pipe, and wait for the end of the thread that reads it.
+
+        No listener of Cyclone may use the stream any more.
+        """
         # Cyclone deletes an entity only after its listener has returned, so callers delete the participant before.
         with self._lock:
             self._closed = True

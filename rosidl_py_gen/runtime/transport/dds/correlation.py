@@ -1,7 +1,8 @@
-"""Identification of requests and replies on DDS, and discovery of a client's servers: works on bytes and GUIDs.
+"""Identification of requests and replies on DDS, and search for a client's servers.
 
-There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of Fast DDS. This module represents both
-as a client and a number; the type of the client (`int` or `bytes`) tells the format.
+The functions work on bytes and GUIDs. There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of
+Fast DDS. This module represents both as a client and a number; the type of the client (`int` or `bytes`) shows the
+format.
 
 Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 """
@@ -20,7 +21,8 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
-"""GUID of a client and number of a request; Fast DDS sends both with the request and with its reply."""
+"""GUID of a client and number of a request; with Fast DDS, both are sent together with the request and with its reply.
+"""
 ClientId: TypeAlias = "int | bytes"
 """Client of a request: its number on rmw_cyclonedds, the GUID of its reply reader or request writer on Fast DDS."""
 UsesSampleIdentity: TypeAlias = "Callable[[bytes], bool]"
@@ -38,11 +40,13 @@ _identity = struct.Struct("<16sq")
 _MASK = 2**64 - 1
 _FILL = PADDING[NETWORK_ALIGN]
 _LARGE_BYTES = 1024
-"""Size from which a memoryview of a message is cheaper than another copy."""
+"""Size in bytes from which a message is passed as a memoryview, because this is cheaper than another copy."""
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
-    """Return a sample with a sample identity between encapsulation header and message, marked in the header."""
+    """Return a sample with a sample identity inserted between encapsulation header and message, and marked in the
+    header.
+    """
     # Fast DDS sends the identity as RTPS inline QoS, which is not part of a sample; `sample_identity.py` calls this.
     # The 24 bytes replace the header of rmw_cyclonedds. They are a multiple of 8, so the alignment does not change.
     return b"".join((data[:2], _IDENTITY_OPTIONS, _identity.pack(*identity), data[HEADER_BYTES:]))
@@ -57,7 +61,9 @@ def extract_identity(data: Payload) -> SampleIdentity | None:
 
 
 def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
-    """Return an encoded message (little-endian) with the header of rmw_cyclonedds, padded for DDS in the same copy."""
+    """Return an encoded message (little-endian) with the request header of rmw_cyclonedds, padded for DDS without a
+    further copy.
+    """
     # The header of rmw_cyclonedds is between the 4 encapsulation bytes and the message: 8 bytes number of the client, 8
     # bytes number of the request (docs/internals/protocol.md 5.1).
     rest = message[HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[HEADER_BYTES:]
@@ -84,7 +90,9 @@ def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
 
 
 def strip_request_header(data: Payload, begin: int) -> bytes:
-    """Return a copy of a request or reply without the header of rmw_cyclonedds or identity, which ends at `begin`."""
+    """Return a copy of a request or reply without the header or sample identity before the message, which begins at
+    `begin`.
+    """
     rest = data[begin:] if len(data) < _LARGE_BYTES else memoryview(data)[begin:]
     return b"".join((data[:2], b"\0\0", rest))
 
@@ -161,7 +169,7 @@ class ClientCorrelation:
         self._handle = handle
         self._reader = reader
         self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
-        """Ids by which a reply may identify this client."""
+        """Identifiers with which a reply may refer to this client."""
         self.uses_sample_identity = False
         """True while a matched server is on Fast DDS, so that requests need a sample identity."""
         self._request_readers: set[bytes] = set()
@@ -169,7 +177,7 @@ class ClientCorrelation:
         self._answered: set[bytes] = set()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
-        """Set `readers`, the GUIDs of the request readers of all servers, matched already or not."""
+        """Set `readers`, the GUIDs of the request readers of all servers, even if they are not matched yet."""
         self.uses_sample_identity = uses_sample_identity
         if not readers <= self._request_readers:
             # A new server, which may be a restarted one, does not know the client's reply reader.

@@ -1,8 +1,8 @@
 """Topic `ros_discovery_info`, on which DDS participants announce their nodes, and the codec of its message.
 
 The codec is not generated, because one type name stands for two layouts: GIDs of Humble have 24 bytes, later ones 16.
-The message begins with the GUID of its sender, and only the right layout consumes the rest exactly. Big-endian messages
-do not exist.
+The message begins with the GUID of its sender; decoding uses up the remaining bytes exactly only with the right layout.
+Big-endian messages do not exist.
 
 Source: docs/internals/protocol.md 6.2.
 """
@@ -96,7 +96,10 @@ def decode_message(data: Payload, sender_prefix: bytes) -> NodesAnnounced:
 
 @dataclass(slots=True)
 class _MessageCursor:
-    """Decoder of a message in one layout; `position` counts from the start of the header."""
+    """Position in a message while it is decoded in one of two layouts.
+
+    `position` counts from the start of the header.
+    """
 
     data: bytes
     gid_bytes: int
@@ -167,16 +170,18 @@ _WARNINGS = {
     True: "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble, or another "
     "ROS_DOMAIN_ID",
 }
-"""Second half of the warning about a participant of Humble, by whether another distribution is selected here."""
+"""Second halves of the warning about a participant of Humble; the key states if another distribution is selected in
+this process."""
 
 
 class DiscoveryInfoTopic:
     """Writer and reader of the topic `ros_discovery_info` for one participant.
 
-    A node of Humble on Fast DDS reads numbers from names and GIDs in the usual layout, and may allocate all memory.
-    Later distributions read no nodes in the layout of Humble (docs/internals/protocol.md 6.5). So without a selected
-    distribution, announcements have the layout of Humble until a participant of a later distribution is present, and
-    while one of Humble is: a new participant gets our last announcement before its own arrives here.
+    A node of Humble on Fast DDS would read numbers from names and GIDs in the usual layout, and may allocate all
+    memory. Later distributions read no nodes in the layout of Humble (docs/internals/protocol.md 6.5). So without a
+    selected distribution, announcements have the layout of Humble until a participant of a later distribution is
+    present, and while a participant of Humble is present: a new participant gets the last announcement before its own
+    announcement arrives here.
     """
 
     def __init__(
@@ -186,27 +191,32 @@ class DiscoveryInfoTopic:
         ros_distro: str = "",
         report_lock: threading.RLock | None = None,
     ) -> None:
-        """`ros_distro` comes from `DomainSettings`; `report_lock` is held while discovery events are applied."""
+        """Create the writer and reader of the topic.
+
+        `ros_distro` comes from `DomainSettings`; `report_lock` is held while discovery events are applied.
+        """
         self._report_lock = threading.RLock() if report_lock is None else report_lock
         self._participant = participant
         self._sink = sink
         self._ros_distro = ros_distro
         self._nodes: tuple[NodeEntities, ...] = ()
-        """Nodes of our participant that were announced last."""
+        """Nodes of this participant that were announced last."""
         self._writer_has_hash: dict[bytes, bool] = {}
         """True for each discovered writer of the topic that announces a type hash, by GUID."""
         self._undecided: dict[bytes, NodesAnnounced] = {}
-        """Announcements in the layout of Humble that were read before the discovery of their writer, by its GUID."""
+        """Announcements in the layout of Humble that arrived before the discovery of their writer, by the writer's
+        GUID."""
         self._layouts: dict[bytes, bool | None] = {}
-        """Layout that a peer's reader needs, by GUID of the peer's writer: True for Humble's, None if it reads both."""
+        """Layouts that peers' readers need, by GUID of the peer's writer: True for Humble's, False for the later one,
+        None if the reader accepts both."""
         self._wrote_humble = False
         self._has_warned = False
         self._closed = False
         self._unheard_writers: set[bytes] = set()
-        """GUIDs of discovered writers of which no sample was received when they were discovered."""
+        """GUIDs of writers from which no sample had been received when they were discovered."""
         self._heard_writers: set[bytes] = set()
         self._lost_writers: dict[bytes, None] = {}
-        """GUIDs of lost writers of the topic, whose last samples may be read later; the oldest are forgotten."""
+        """GUIDs of lost writers of the topic, whose last samples may be read later; the oldest GUIDs are removed."""
         self._writer = participant.create_writer(_spec(_WRITER_QOS))
         self._reader = self._new_reader()
 
@@ -216,7 +226,7 @@ class DiscoveryInfoTopic:
         return reader
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        """Announce all nodes of our participant, given by number, to peers."""
+        """Announce all nodes of this participant, given by number, to peers."""
         self._nodes = tuple(nodes.values())
         self._write()
 

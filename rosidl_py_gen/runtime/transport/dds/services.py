@@ -1,7 +1,7 @@
-"""Clients and servers of services on DDS and in memory: a reader and a writer each, without calls of the DDS library.
+"""Clients and servers of services on DDS and in memory, each with a reader and a writer.
 
-`correlation.py` identifies requests and replies. A client finds its servers among the discovered endpoints, and reports
-the requests that are lost: those that were sent to servers of which none is left.
+The DDS library is not called here. `correlation.py` identifies requests and replies. A client finds its servers among
+the discovered endpoints, and reports requests as lost if they were sent to servers of which none is left.
 """
 
 from __future__ import annotations
@@ -49,18 +49,21 @@ from rosidl_py_gen.runtime.transport.service_api import (
 )
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
-"""Contents of a `RequestId`: client, number of the request, GUID of the client's request writer (None if the writer
-disappeared before its GUID was known), and local handle of the request writer."""
+"""Contents of a `RequestId`: client, number of the request, GUID of the client's request writer, and local handle of
+this writer.
+
+The GUID is None if the writer disappeared before its GUID was known.
+"""
 
 
 class ServiceWriter(Writer, Protocol):
-    """Writer that can send a sample identity as inline QoS."""
+    """Interface of a writer that can send a sample identity as inline QoS."""
 
     def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool: ...
 
 
 class ServiceParticipant(Participant, Protocol):
-    """Participant that can create the reader and writer of a `DdsClient` or `DdsServer`."""
+    """Interface of a participant that can create the reader and writer of a `DdsClient` or `DdsServer`."""
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
         """Return the reason why Fast DDS servers of a service cannot be used; None if they can be used."""
@@ -97,7 +100,7 @@ class _EndpointPair:
         self._reader = reader
         self._writer = writer
         self._senders: MatchCache[bytes | None] = MatchCache(self._index, self._topic_keys, self._find_sender)
-        """GUID of the writer of received samples, by its local handle."""
+        """GUIDs of the writers of received samples, by local handle of the writer."""
         self.connected = reader.matched_writers
         self.all_acknowledged = writer.all_acknowledged
         self.set_sink = reader.set_sink
@@ -132,15 +135,16 @@ class DdsClient(_EndpointPair):
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid, participant.uses_sample_identity)
         self._sent = 0
         self._in_flight: dict[int, frozenset[bytes]] = {}
-        """GUIDs of the endpoints of servers that existed when a request was sent, by the number of the request."""
+        """Requests without a reply: GUIDs of the servers' endpoints that existed when the request was sent, by number
+        of the request."""
         self._lost: deque[int] = deque()
         cache = self._index, self._topic_keys
         self._servers: MatchCache[ServerAvailability] = MatchCache(
             *cache, self._find_servers, lambda servers: servers.is_available and servers.is_complete
         )
-        """Availability of servers, by the reason why Fast DDS servers cannot be used."""
+        """Cache of the availability of servers, by the reason why Fast DDS servers cannot be used."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(*cache, self._find_server_endpoints)
-        """GUIDs of all endpoints of servers, for the key None."""
+        """Cache with one entry, for the key None: the GUIDs of all endpoints of servers."""
 
     @property
     def gid(self) -> bytes:
@@ -242,10 +246,10 @@ class DdsServer(_EndpointPair):
             reader = participant.create_reader(replace(request, service_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
         self._reachable_clients: MatchCache[bool] = MatchCache(self._index, self._topic_keys, self._is_reachable)
-        """Results of `can_reach_client`, by client and the GUID of the client's request writer."""
+        """Cached results of `can_reach_client`, by client and the GUID of the client's request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._window_version = -1
-        """Version of `_reachable_clients` for which `_window` was set up."""
+        """Version of `_reachable_clients` at which the limit of `_window` was set."""
 
     def take(self) -> Request | None:
         items = self._reader.queue.items
@@ -285,7 +289,7 @@ class DdsServer(_EndpointPair):
         return is_sent
 
     def _update_window(self) -> None:
-        """Set the limit of the window by the reply readers of the discovered clients."""
+        """Set the limit of the flow control from the reply readers of the discovered clients."""
         self._window_version = self._reachable_clients.version
         readers = self._endpoints_on(self._replies, writers=False)
         # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.

@@ -1,4 +1,4 @@
-"""Zenoh transport with the wire formats of rmw_zenoh_cpp; only this package knows Zenoh.
+"""Zenoh transport with the wire formats of rmw_zenoh_cpp; no other package calls Zenoh.
 
 Jazzy and Kilted use these formats; the modules state the differences of Humble and Lyrical.
 """

@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.transport.matching import FORMAT_VARIABLE
 ROUTER_PORT = 7447
 _MAX_QUOTED_CHARS = 200
 _MAX_DEPTH = 100
-"""Maximum nesting of brackets in a configuration: some thousands crash Zenoh's parser."""
+"""Maximum nesting of brackets in a configuration of Zenoh; some thousands would crash Zenoh's parser."""
 _BRACKET = re.compile(r"[\[{}\]]")
 _SOURCE_LOCATION = re.compile(r" at \S+\.rs:\d+\.?")
 _MESSAGE = re.compile(r'(?:msg: |Str\()"((?:[^"\\]|\\.)*)"')
@@ -60,7 +60,7 @@ _SESSION: dict[str, object] = {
 }
 _ROUTER: dict[str, object] = {"mode": "router", "listen/endpoints": [f"tcp/[::]:{ROUTER_PORT}"]}
 IPV4_ONLY = f"tcp/0.0.0.0:{ROUTER_PORT}"
-"""Endpoint of a router on machines without IPv6, which refuse the default endpoint."""
+"""Address on which a router listens on machines without IPv6, which refuse the default address."""
 
 
 class ZenohConfigError(RosidlError, ValueError):
@@ -117,7 +117,7 @@ def router_attempts(environ: Mapping[str, str]) -> float:
 
 
 def is_humble(environ: Mapping[str, str]) -> bool:
-    """Return True if keys and tokens must have the format of Humble, not the format of later distributions.
+    """Return True if Zenoh keys and tokens must have the format of Humble, not the format of later distributions.
 
     Raises:
         ZenohConfigError: the variable `FORMAT_VARIABLE` has another value than ``humble``.

@@ -1,12 +1,13 @@
-"""Publishers and subscribers of topics.
+"""Publishers and subscribers of topics on Zenoh.
 
 Only endpoints that are transient local are "advanced" ones of Zenoh, with a cache or a history
 (docs/internals/zenoh.md 5); they exchange samples with all others on the same key.
 
 Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing to a
-subscriber that does not announce that it listens there. So ours always do; earlier distributions ignore that.
+subscriber that does not announce that it listens on that key. So subscribers of this package always announce it;
+earlier distributions ignore the announcement.
 
-Thread rules; there are no locks here, and Zenoh holds its own while it calls us:
+Thread rules; this module has no locks, and Zenoh holds locks while it calls functions of this module:
 
 1. `write`: any, several at once; an atomic counter numbers the messages. A reliable keep-all writer waits for slow
    peers without the GIL; no other writer waits.
@@ -17,7 +18,7 @@ Thread rules; there are no locks here, and Zenoh holds its own while it calls us
 4. `set_sink`: loop, or the closing thread. A sample may arrive during it: `receive` reads the sink once, and a sink
    detects that its endpoint is closed.
 5. `close`: any thread but the threads of 2; the second call does nothing.
-6. `detach_after_fork`: the only thread of a forked child, which has none of Zenoh.
+6. `detach_after_fork`: the only thread of a forked child, which has no thread of Zenoh.
 """
 
 from __future__ import annotations
@@ -57,14 +58,15 @@ _time_ns = time.time_ns
 
 
 class SequenceGaps:
-    """Counter of sequence numbers that did not arrive (docs/internals/zenoh.md 8).
+    """Counter of samples that did not arrive, found by gaps in their sequence numbers (docs/internals/zenoh.md 8).
 
     Samples of one publisher arrive one after the other, samples of several publishers maybe in several threads.
     """
 
     def __init__(self) -> None:
         self._publishers: dict[bytes, list[int]] = {}
-        """Highest number of each publisher, and how many lower ones are missing."""
+        """Highest sequence number that has arrived from each publisher, and the number of lower ones that are missing.
+        """
         self._lost_of_removed = 0
 
     @property
@@ -73,7 +75,10 @@ class SequenceGaps:
         return self._lost_of_removed + sum(missing for _, missing in list(self._publishers.values()))
 
     def on_sample(self, publisher: bytes, number: int) -> None:
-        """Record a sample; one that was overtaken counts as missing, as in rmw_zenoh."""
+        """Record the sequence number of a sample.
+
+        A sample that arrives after a later one stays counted as missing, as in rmw_zenoh.
+        """
         entry = self._publishers.get(publisher)
         if entry is None:
             if len(self._publishers) >= _MAX_GAP_PUBLISHERS:
@@ -85,7 +90,10 @@ class SequenceGaps:
 
 
 def zenoh_handler(function: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
-    """Return a handler that Zenoh calls in its own thread, instead of creating a thread for each handler."""
+    """Return a handler that Zenoh calls in one of its own threads.
+
+    Zenoh would otherwise create a thread for each handler.
+    """
 
     def call(argument: Any) -> None:
         retain_thread_state()
@@ -95,13 +103,15 @@ def zenoh_handler(function: Callable[[Any], None], drop: Callable[[], None] | No
 
 
 def leak_after_fork(*objects: object) -> None:
-    """Prevent the deletion of objects: in a forked child it would wait for threads that do not exist."""
+    """Prevent Python from deleting objects of Zenoh: in a forked child, deletion would wait for threads that do not
+    exist.
+    """
     for leaked in objects:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(leaked))
 
 
 def declare_publisher(session: Any, key: str, qos: QoSProfile) -> Any:
-    """Declare a publisher with that profile."""
+    """Declare a Zenoh publisher with the given QoS profile."""
     is_reliable = qos.reliability is Reliability.RELIABLE
     reliability = zenoh.Reliability.RELIABLE if is_reliable else zenoh.Reliability.BEST_EFFORT
     blocks = is_reliable and qos.history is History.KEEP_ALL
@@ -123,7 +133,7 @@ def declare_publisher(session: Any, key: str, qos: QoSProfile) -> Any:
 def declare_subscriber(
     session: Any, key: str, qos: QoSProfile, take: Callable[[Any], None], *, ignore_local: bool
 ) -> Any:
-    """Declare a subscriber with that profile; Zenoh calls `take` with each sample."""
+    """Declare a Zenoh subscriber with the given QoS profile; Zenoh calls `take` with each sample."""
     origin = zenoh.Locality.REMOTE if ignore_local else zenoh.Locality.ANY
     if qos.durability is not Durability.TRANSIENT_LOCAL:
         return session.declare_subscriber(key, zenoh_handler(take), allowed_origin=origin)
@@ -140,7 +150,7 @@ def declare_subscriber(
 
 
 class _ZenohEndpoint:
-    """Common part of writers and readers; `infos` are its endpoints in the graph."""
+    """Base of the writers and readers of the Zenoh transport; `infos` are their endpoints in the graph."""
 
     def __init__(self, owner: ZenohParticipant, infos: Infos) -> None:
         self._owner = owner
@@ -148,7 +158,7 @@ class _ZenohEndpoint:
         self.info = infos[0]
         self.guid = self.info.guid
         self.token: Any = None
-        """Liveliness token; None without a node."""
+        """Liveliness token that announces the endpoint; None if the endpoint belongs to no node."""
         self._closed = False
 
 
@@ -196,7 +206,7 @@ class ZenohWriter(_ZenohEndpoint):
             self._publisher.undeclare()
 
     def detach_after_fork(self) -> None:
-        """Use no inherited resource from now on."""
+        """Stop using resources that were inherited from the parent process; called in a forked child."""
         self._closed = True
         leak_after_fork(self._publisher, self._put)
 
@@ -216,7 +226,8 @@ class ZenohReader(_ZenohEndpoint):
         super().__init__(owner, infos)
         self.queue = ReceiveQueue(self.info.qos)
         self._push_lock = threading.RLock()
-        """Held while a sample is added: several threads of Zenoh may receive samples of different writers."""
+        """Lock held while a sample is added, because several threads of Zenoh may receive samples of different writers.
+        """
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
         self._gaps: SequenceGaps | None = None
@@ -235,7 +246,7 @@ class ZenohReader(_ZenohEndpoint):
         return declare_subscriber(session, key, qos, self._take, ignore_local=self._ignore_local)
 
     def _take(self, sample: Any) -> None:
-        """Called by Zenoh with each sample; must not block or log."""
+        """Add a received sample to the queue. Called by Zenoh with each sample; must not block or log."""
         attachment = self.read_attachment(sample)
         data = sample.payload.to_bytes()
         if attachment is not None:
@@ -300,6 +311,6 @@ class ZenohReader(_ZenohEndpoint):
                 self._declarations.pop().undeclare()
 
     def detach_after_fork(self) -> None:
-        """Use no inherited resource from now on."""
+        """Stop using resources that were inherited from the parent process; called in a forked child."""
         self._closed, self._sink = True, None
         leak_after_fork(*self._declarations)

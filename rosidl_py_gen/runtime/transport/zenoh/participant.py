@@ -5,7 +5,7 @@ Rules:
 - An endpoint is declared before its token and undeclared after it; the same holds for a node and its endpoints.
 - Every handler that Zenoh calls is a "direct" one. It adds to a queue and wakes up the loop. It never waits and never
   undeclares anything, which would stop or deadlock the session.
-- No lock of ours is held during a call into Zenoh.
+- No lock of this package is held during a call into Zenoh.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
 _NO_NODE_NAME = "_"
-"""Node name in the tokens of endpoints that belong to no node; these tokens give a GID and are not announced."""
+"""Node name in the tokens of endpoints that belong to no node. Such a token is not announced; it only determines the
+endpoint's GID."""
 
 
 class ZenohParticipant:
@@ -81,7 +82,7 @@ class ZenohParticipant:
         self._no_node = NodeToken(domain_id, self._zid, 0, _NO_NODE_NAME)
         self._node_tokens: dict[int, Any] = {}
         self._local_endpoints: dict[bytes, ZenohReader | ZenohWriter] = {}
-        """Readers, writers, clients and servers of this participant by GUID."""
+        """Readers, writers, clients and servers of this participant, by GUID."""
         self.ready_sinks: ReadyItems[Sink] = ReadyItems()
         self.set_wakeup, self.fileno = self.ready_sinks.set_wakeup, self.ready_sinks.fileno
         self.take_ready_sinks = self.ready_sinks.take
@@ -168,7 +169,7 @@ class ZenohParticipant:
                 self._node_tokens[number] = self._liveliness.declare_token(str(token))
 
     def _on_token(self, sample: Any) -> None:
-        """Record a liveliness token that appeared or disappeared. Called by Zenoh; must not block or log."""
+        """Record that a liveliness token has appeared or disappeared. Called by Zenoh; must not block or log."""
         self.graph.on_token(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
         self.ready_sinks.put(self.report_discovery)
 

@@ -1,4 +1,4 @@
-"""Clients and servers: a request is a query of Zenoh, its response a reply to the query.
+"""Clients and servers of services on Zenoh: a request is a query of Zenoh, its response a reply to the query.
 
 A request is not sent before a server is reachable, so that it cannot be lost. A query that ends without a response,
 because its servers died, is reported to the client. A server retains unanswered queries until their client disappears
@@ -35,24 +35,26 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9
-"""Timeout instead of infinity, which Zenoh refuses."""
+"""Timeout in seconds of a query without a timeout, because Zenoh refuses infinity."""
 _GET_RESULT = "/_action/get_result/"
-"""Part of the keys of requests without a timeout, as in rmw_zenoh_cpp. Others have `queries_default_timeout`."""
+"""Text in the keys of get_result requests, which have no timeout, as in rmw_zenoh_cpp. Other requests have
+`queries_default_timeout`."""
 _QUERY_TIMEOUT_MARGIN_S = 1.0
-"""Difference between the timeouts of a query and of its call, which has the better error text."""
+"""Time in seconds by which a query's timeout is longer than the timeout of its call, because the call has the better
+error text."""
 _TIMEOUT_ERROR = b"Timeout"
 MAX_QUERIES = 10_000
-"""Maximum number of unanswered requests of a server; the oldest are discarded."""
+"""Maximum number of unanswered requests that a server retains; beyond that, the oldest are discarded."""
 MAX_BYTES = 64 * 2**20
-"""Maximum size of all unanswered requests of a server."""
+"""Maximum size in bytes of all unanswered requests that a server retains."""
 MAX_ANSWERED_QUERIES = 16
-"""Number of answered queries to leave to end by themselves, which costs less than to cancel them."""
+"""Maximum number of answered queries that a client leaves to end without cancelling them, which costs less."""
 _MAX_ERROR_CHARS = 300
 _time_ns = time.time_ns
 
 
 class _ZenohServiceEndpoint(ZenohReader):
-    """Common part of clients and servers, which are a reader and a writer in the graph (`infos`)."""
+    """Base of the clients and servers on Zenoh, which are a reader and a writer in the graph (`infos`)."""
 
     def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
         reader, writer = infos
@@ -87,9 +89,10 @@ class ZenohClient(_ZenohServiceEndpoint):
         self.in_flight: dict[int, _InFlightQuery] = {}
         """Queries without an end, by the number of the request."""
         self._answered: deque[int] = deque()
-        """Answered queries that other servers may still answer."""
+        """Queries that one server has answered and that further servers may still answer."""
         self._servers_version = -1
-        """Version of `_is_reachable` of which the following three were computed."""
+        """Version of `_is_reachable` for which the cached data about servers in the following attributes was computed.
+        """
         self._servers = ServerAvailability()
         self._server_endpoints: frozenset[bytes] = frozenset()
         self._writer_by_session: dict[bytes, bytes] = {}
@@ -97,7 +100,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         super().__init__(owner, infos, key)
         topic_keys = (info.topic_key for info in infos)
         self._is_reachable: MatchCache[bool] = MatchCache(owner.graph, topic_keys, self._has_reachable_server)
-        """True for None if a server is reachable. A check in Zenoh takes 40 us."""
+        """Cache with one entry, for the key None: True if a server is reachable. A check in Zenoh takes 40 us."""
 
     def _declare(self, key: str) -> Any:
         self._querier: Any = self._owner.session.declare_querier(
@@ -175,7 +178,9 @@ class ZenohClient(_ZenohServiceEndpoint):
         return self._server_endpoints
 
     def report_lost_requests(self) -> None:
-        """Do nothing: a query ends when no server is left. Tokens may overtake the last replies."""
+        """Do nothing: a query ends when no server is left, and the tokens of lost servers may overtake their last
+        replies.
+        """
 
     def _refresh_servers(self) -> None:
         graph = self._owner.graph
@@ -214,7 +219,7 @@ class ZenohClient(_ZenohServiceEndpoint):
 
 
 class _InFlightQuery:
-    """Query that has not ended; Zenoh calls `on_reply` and `on_end`, which must not block or log."""
+    """Query of a client that has not ended yet. Zenoh calls `on_reply` and `on_end`, which must not block or log."""
 
     __slots__ = ("_client", "_number", "_reason", "is_over", "token")
 
@@ -246,13 +251,13 @@ class _InFlightQuery:
             self._client.receive((self._number, NoReply(*self._reason), None))
 
     def cancel(self) -> None:
-        """End the query in Zenoh; waits while Zenoh calls a function of it."""
+        """End the query in Zenoh. Waits while Zenoh calls a function of the query."""
         self.is_over = True
         self.token.cancel()
 
 
 _RequestOrigin: TypeAlias = "tuple[bytes, int]"
-"""Contents of a `RequestId`: GID of the client, number of its request."""
+"""Contents of a `RequestId` on Zenoh: GID of the client, number of its request."""
 
 
 class _UnansweredQuery(NamedTuple):
@@ -355,7 +360,7 @@ class ZenohServer(_ZenohServiceEndpoint):
         return to
 
     def drop_requests(self, clients: Collection[bytes] | None = None) -> None:
-        """Discard the requests of clients that have disappeared, by their GIDs, or all."""
+        """Discard the requests of clients that have disappeared, given by their GIDs, or of all clients."""
         with self._queries_lock:
             origins = [origin for origin in self.queries if clients is None or origin[0] in clients]
         for entry in filter(None, map(self.pop_query, origins)):

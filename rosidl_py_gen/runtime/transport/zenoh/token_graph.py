@@ -1,8 +1,8 @@
-"""Graph of a domain from liveliness tokens, reported as discovery events.
+"""Graph of a domain, made from liveliness tokens and reported as discovery events.
 
 A session is a participant, and a client or server is two endpoints. A node exists while its own token or one of its
 endpoints' tokens exists. Tokens arrive repeatedly and in any order; a token is identified by its whole text. Endpoints
-of the own session are added by their creator, at once.
+of the own session are added immediately by their creator.
 
 Endpoints with the same key match, whatever their QoS.
 
@@ -55,17 +55,19 @@ def participant_guid(zid: str) -> bytes:
 class _Node:
     token: NodeToken
     tokens: set[str] = field(default_factory=set)
-    """Texts of the node's own tokens; peers may announce a node by several texts."""
+    """Texts of the tokens that announce the node itself; peers may announce a node by several texts."""
     readers: set[bytes] = field(default_factory=set)
     writers: set[bytes] = field(default_factory=set)
 
 
 Infos: TypeAlias = tuple[DiscoveredEndpoint, ...]
-"""Endpoints in the graph for one token: one for a publisher or subscription, two for a client or server."""
+"""Endpoints in the graph that one token announces: one for a publisher or subscription, two for a client or server."""
 
 
 def endpoints_of(token: EndpointToken, gid: bytes) -> Infos:
-    """Return the endpoints for a token: one of a topic, or the reader and the writer of a client or server."""
+    """Return the endpoints that a token announces: the endpoint of a topic, or the reader and the writer of a client or
+    server.
+    """
     participant, type_hash = participant_guid(token.node.zid), valid_hash_or_empty(token.type_hash)
     type, wire = ros_type(token.type), (token.name, token.type)
     if token.kind in (EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION):
@@ -99,7 +101,7 @@ class TokenGraph(EndpointIndex):
         self._apply(ParticipantDiscovered(participant_guid(own_zid), enclave))
 
     def _apply(self, *events: DiscoveryEvent) -> None:
-        """Apply events now, and queue them for the discovery sink. Lock: _lock must be held."""
+        """Apply discovery events to the graph now, and queue them for the discovery sink. Lock: _lock must be held."""
         self.apply(events)
         self._events += events
 
@@ -108,12 +110,12 @@ class TokenGraph(EndpointIndex):
         self._unread.append((exists, token))
 
     def add_endpoints(self, endpoints: Infos) -> None:
-        """Add endpoints of our own session, or of a peer's token, and queue their discovery events."""
+        """Add endpoints of this participant's session, or of a peer's token, and queue their discovery events."""
         with self._lock:
             self._apply(*endpoints)
 
     def remove_endpoints(self, endpoints: Infos) -> None:
-        """Remove endpoints of our own session, or of a peer's token, and queue their discovery events."""
+        """Remove endpoints of this participant's session, or of a peer's token, and queue their discovery events."""
         with self._lock:
             self._apply(*(EntityLost(endpoint.guid) for endpoint in endpoints))
 
@@ -192,7 +194,9 @@ class TokenGraph(EndpointIndex):
         return self._find(endpoint, writers=not endpoint.is_writer)
 
     def endpoints_on_same_side(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
-        """Return the endpoints with the key and direction of an endpoint, itself included, by GUID."""
+        """Return all endpoints that have the key and direction of an endpoint, including the endpoint
+        itself, by GUID.
+        """
         return self._find(endpoint, writers=endpoint.is_writer)
 
     def _find(self, endpoint: DiscoveredEndpoint, *, writers: bool) -> dict[bytes, DiscoveredEndpoint]:
@@ -208,7 +212,7 @@ def _announced_hash(endpoint: DiscoveredEndpoint) -> str:
 
 
 def incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> IncompatibilityKind | None:
-    """Return the kind of difference between the hashes of two endpoints of one topic and type; None if they match.
+    """Return how the hashes of two endpoints of one topic and type differ; None if the endpoints match.
 
     None is also returned for replies, because requests are reported, and for ``/parameter_events``: every node
     publishes and subscribes to this topic, and there would be hundreds of reports.

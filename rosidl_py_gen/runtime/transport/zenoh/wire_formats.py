@@ -60,7 +60,7 @@ def data_key(domain_id: int, name: str, type_name: str, type_hash: str) -> str:
 
 
 def valid_hash_or_empty(chunk: str) -> str:
-    """Return `chunk`, the part of a key or token for the type hash; empty if it is not a valid hash, as in Humble."""
+    """Return `chunk`, the field for the type hash in a key or token, if it is a valid hash; else "", as for Humble."""
     return chunk if _TYPE_HASH.match(chunk) else ""
 
 
@@ -125,12 +125,12 @@ _DEFAULTS = (
 _FIELD_SIZES = (1, 1, 2, 2, 2, 3)
 """Number of values, separated by commas, in each field of a QoS text; fields are separated by colons."""
 _PERIODS = (4, 5, 6, 7, 9, 10)
-"""Indexes in `_DEFAULTS` of the seconds and nanoseconds of deadline, lifespan and lease."""
+"""Indexes of the seconds and nanoseconds of deadline, lifespan and lease in `_DEFAULTS`."""
 _NUMBER_OR_EMPTY = re.compile(r"[0-9]{0,20}\Z")  # as many digits as the greatest size_t of C++ has
 
 
 def qos_text(qos: QoSProfile) -> str:
-    """Return the text of a profile in a token, ``::,10:,:,:,,`` for the default profile.
+    """Return the text that stands for a QoS profile in a token, such as ``::,10:,:,:,,`` for the default profile.
 
     Raises:
         InvalidQoSError: a policy is UNKNOWN.
@@ -227,7 +227,7 @@ class NodeToken:
 
     @property
     def node(self) -> NodeToken:
-        """This token; the counterpart of `EndpointToken.node`."""
+        """The token itself, so that node tokens and `EndpointToken` both have this attribute."""
         return self
 
     def __str__(self) -> str:

@@ -1,8 +1,8 @@
-"""Requests for what Fast DDS peers sent before Cyclone knew them: their endpoints, and samples of their writers.
+"""Requests for data that Fast DDS peers sent before Cyclone knew them: their endpoints, and samples of their writers.
 
-Cyclone DDS drops the heartbeats of a participant or writer that it does not know yet, and the next ones arrive after
-1 s or 3 s (docs/internals/dds.md 6). So this module requests a heartbeat by an ACKNACK of its own, and makes readers
-request the samples that the first heartbeat announces.
+Cyclone DDS drops the heartbeats of a participant or writer that it does not know yet, and the next ones arrive after 1
+s or 3 s (docs/internals/dds.md 6). So this module sends an ACKNACK that requests a heartbeat, and makes readers request
+the samples that the first heartbeat announces.
 
 Source: OMG DDSI-RTPS 2.3, 8.3.7.1, 9.4.5.3 and 9.6.1.1; sources of Fast DDS 2.14, StatefulWriter::process_acknack.
 """
@@ -25,30 +25,32 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
 
 _HEADER = b"RTPS\x02\x01\x01\x10"
-"""RTPS header with version 2.1 and vendor Cyclone DDS; the prefix of our GUID follows."""
+"""RTPS header with version 2.1 and vendor Cyclone DDS; the GUID prefix of this participant follows after it."""
 _pack_info_dst = struct.Struct("<BBH12s").pack
 _pack_acknack = struct.Struct("<BBH4s4siIII").pack
-"""Pack an ACKNACK submessage: kind, flags, length, reader, writer, base (two words), number of bits, count."""
+"""Function that packs an ACKNACK submessage: kind, flags, length, reader, writer, base (two words), number of bits,
+count."""
 _INFO_DST_KIND = 0x0E
 _ACKNACK_KIND = 0x06
 _LITTLE_ENDIAN = 1
 _ENDPOINT_TOPICS = ((b"\0\0\3\xc7", b"\0\0\3\xc2"), (b"\0\0\4\xc7", b"\0\0\4\xc2"))
-"""Entity ids of the builtin readers and writers of publications and of subscriptions."""
+"""Entity ids of the builtin readers and writers that exchange the announcements of publications and subscriptions."""
 _ENDPOINT_PORT_OFFSET = 1
-"""Difference between a participant's port for its endpoints and its announced discovery port."""
+"""Difference between the port at which a participant receives announcements of endpoints, and its announced discovery
+port."""
 _LOCATOR = re.compile(r"udp6?/\[?([0-9a-fA-F.:]+?)(?:%[^\]]*)?\]?:([0-9]{1,5})(?:@[0-9]+)?")
 _MAX_LOCATORS = 8
 _MAX_PACKET_WRITERS = 40
 """Maximum number of ACKNACKs in a packet, one for each writer; such a packet has 1.2 kB."""
 _MAX_PACKETS = 8
-"""Maximum number of packets with ACKNACKs to one address; further writers get none."""
+"""Maximum number of packets with ACKNACKs to one address; writers that would need further packets get none."""
 
 
 def acknack_packet(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, bytes]] = _ENDPOINT_TOPICS) -> bytes:
     """Return an RTPS packet with ACKNACKs, each of which makes a Fast DDS writer send a heartbeat.
 
     `own` and `peer` are GUIDs that begin with the prefixes of the sending and receiving participant. `endpoints` are
-    pairs of our reader and the peer's writer, by the last four bytes of their GUIDs.
+    pairs of a reader of this participant and a writer of the peer, by the last four bytes of their GUIDs.
     """
     # Base 0: Fast DDS then sends a heartbeat at once; the ACKNACKs of Cyclone begin with number 1. Count 0: Fast DDS
     # ignores ACKNACKs with a count that it has received, so nothing is lost if the ACKNACK of Cyclone, which is sent
@@ -81,8 +83,8 @@ def parse_locators(text: str) -> list[tuple[socket.AddressFamily, str, int]]:
 def request_endpoints(own: bytes, peer: bytes, addresses: str, *, is_local: bool) -> None:
     """Request that the Fast DDS participant `peer` announces its endpoints.
 
-    `own` is our participant's GUID, `addresses` is Cyclone's text about the peer; `is_local` sends nothing to other
-    machines.
+    `own` is the GUID of this participant, `addresses` is Cyclone's text about the peer; `is_local` sends nothing to
+    other machines.
     """
     _send(acknack_packet(own, peer), parse_locators(addresses), is_local=is_local)
 
@@ -90,7 +92,8 @@ def request_endpoints(own: bytes, peer: bytes, addresses: str, *, is_local: bool
 def request_samples(pairs: Sequence[tuple[bytes, bytes]], addresses: str, *, is_local: bool) -> None:
     """Request the earlier samples of writers of one Fast DDS participant.
 
-    `pairs` are GUIDs of our reader and the peer's writer; `is_local` sends nothing to other machines.
+    `pairs` are GUIDs of a reader of this participant and a writer of the peer; `is_local` sends nothing to other
+    machines.
     """
     locators = [(family, host, port + _ENDPOINT_PORT_OFFSET) for family, host, port in parse_locators(addresses)]
     for begin in range(0, min(len(pairs), _MAX_PACKETS * _MAX_PACKET_WRITERS), _MAX_PACKET_WRITERS):
@@ -110,7 +113,7 @@ def _send(packet: bytes, locators: Iterable[tuple[socket.AddressFamily, str, int
 
 
 class EarlySampleReaders:
-    """Factory of Cyclone readers that request samples of Fast DDS writers that were sent before the match.
+    """Factory of Cyclone readers that request samples which Fast DDS writers have sent before the endpoints matched.
 
     The readers do so only if the memory layout of readers in the loaded library is known.
     """

@@ -1,7 +1,7 @@
-"""Sample identities of requests and replies of Fast DDS peers, which Cyclone neither reads nor writes.
+"""Sample identities in requests and replies of Fast DDS peers, which Cyclone neither reads nor writes.
 
 rmw_fastrtps sends bare messages, with the DDS-RPC sample identity as RTPS inline QoS. The types of services get a copy
-of Cyclone's vtable for samples, with two hooks (docs/internals/dds.md 3 and 4): `from_ser` receives a sample,
+of Cyclone's function table for samples, with two hooks (docs/internals/dds.md 3 and 4): `from_ser` receives a sample,
 `to_ser_ref` sends one. Bytes of packets come from the network: any content is possible.
 
 Thread rules: hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of
@@ -37,22 +37,24 @@ if TYPE_CHECKING:
 FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 INLINE_QOS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
-"""Length of the result of `encode_inline_qos`."""
+"""Length in bytes of the inline QoS that `encode_inline_qos` returns."""
 
 _LITTLE = 1
 _PID_END = 1
 _PID_IDENTITY = 0x0083
 _PID_LEGACY_IDENTITY = 0x800F
-"""Id of the parameter with which Fast DDS up to 2.9 sends a sample identity; later versions send both parameters."""
+"""Parameter id with which Fast DDS up to 2.9 sends a sample identity; later versions send this and the standard
+parameter."""
 _LEGACY_VENDORS = (FAST_DDS_VENDOR, b"\x01\x01")
-"""Vendors whose parameters above 0x8000 have the meaning of Fast DDS (itself and RTI)."""
+"""RTPS vendor ids of Fast DDS and RTI; only for them parameters above 0x8000 have the meaning that Fast DDS gives them.
+"""
 _both = struct.Struct("<HH16siI HH16siI I")
 _numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
 _sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
 
 
 def encode_inline_qos(identity: SampleIdentity) -> bytes:
-    """Encode a sample identity as inline QoS: both parameters and the end of the list, little-endian."""
+    """Encode a sample identity as inline QoS: the two parameters for it and the end of the list, little-endian."""
     guid, sequence = identity
     high, low = sequence >> 32, sequence & 0xFFFFFFFF
     return _both.pack(
@@ -111,18 +113,19 @@ def _find_identity(submessage: bytes, offset: int, order: int, knows_legacy: boo
 
 _BAD_PARAMETER = -3
 _DISCARDED = 1
-"""Result of `from_ser` after 11.0.1 that, like NULL, means that no sample was created."""
+"""Result of `from_ser` in Cyclone after 11.0.1 that, like NULL, means that no sample was created."""
 _IDENTITY_MAGIC = b"\0\1" + os.urandom(6)
-"""First bytes of the hidden prefix of a sample with identity. They are random, so received data cannot imitate them."""
+"""First bytes of the prefix that marks a sample with embedded identity. They are random, so received data cannot
+imitate them."""
 _INLINE_QOS_OFFSET = len(_IDENTITY_MAGIC) + 4
 _PREFIX_BYTES = _INLINE_QOS_OFFSET + INLINE_QOS_BYTES
-"""Length of the hidden prefix of a sample with identity: magic, writer id, inline QoS."""
+"""Length of the prefix that is embedded in a sample with identity: magic bytes, writer id, inline QoS."""
 
 _Ptr, _Size = ct.c_void_p, ct.c_size_t
 _FromSer = (_Ptr, _Ptr, ct.c_int, _Ptr, _Size)
 _ToSerRef = (_Ptr, _Ptr, _Size, _Size, _Ptr)
 create_no_sample = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
-"""Replacement for Cyclone's `from_ser` that drops all received samples."""
+"""C function that replaces Cyclone's `from_ser` and drops all received samples."""
 
 
 class SampleIdentities:
@@ -155,10 +158,13 @@ class SampleIdentities:
         self._to_ser_ref_hook = ct.CFUNCTYPE(*_ToSerRef)(self._to_ser_ref)
         self._from_ser_functions = (self.table[slots.from_ser], ct.cast(self._from_ser_hook, _Ptr).value)
         self.sends = False
-        """True once a sample with an identity was written."""
+        """True once a sample with an identity has been written, so that the send hook is needed."""
 
     def enable_receive_hook(self, is_enabled: bool) -> None:
-        """Make Cyclone call the receive hook for each received sample, or with False its own function again."""
+        """Make Cyclone call the receive hook for each received sample.
+
+        With False, make it call its own function again.
+        """
         # The hook adds half to the time of a service call, so it is active only while a Fast DDS participant may exist.
         self.table[self._slots.from_ser] = self._from_ser_functions[is_enabled]
 
