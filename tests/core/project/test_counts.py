@@ -37,7 +37,7 @@ rosidl-py run
 """
 TREE = {
     "rosidl_py_gen/bags/reader.py": READER,
-    "rosidl_py_gen/bags/writer.py": "from rosidl_py_gen.cdr.codec import encode\n",
+    "rosidl_py_gen/bags/writer.py": "from rosidl_py_gen.cdr.codec import encode\n_raw = encode._replace()\n",
     "rosidl_py_gen/ros_compat/rclpy/node.py": "from rosidl_py_gen.runtime.node import Node\n",
     "rosidl_py_gen/msgs/std_msgs/__init__.py": "from rosidl_py_gen.cdr.message import Message\n",
     "templates/message.py.jinja": "class {{ name }}:\n\n    pass\n",
@@ -60,8 +60,8 @@ def test_counts_of_a_tree() -> None:
         "commands": 1,
         "public face: lines": 12,
         "product: files": 4,
-        "product: lines": READER.count("\n") + 5,
-        "product: lines of code": 12,
+        "product: lines": READER.count("\n") + 6,
+        "product: lines of code": 13,
         "tests: files": 2,
         "tests: lines": 5,
         "tests: functions": 2,

@@ -62,7 +62,7 @@ LIBRARY = library.find()
 API = c_api.CycloneApi(LIBRARY.handle)
 """Functions of the loaded library."""
 FAST_DDS_SUPPORT = FastDdsSupport(API, LIBRARY.unsupported_elements)
-"""What the loaded library supports with peers on Fast DDS."""
+"""Support of the loaded library for peers on Fast DDS."""
 _security_log = SecurityLog(API)
 
 
