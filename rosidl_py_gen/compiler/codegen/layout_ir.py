@@ -93,8 +93,8 @@ class PackedRun(NamedTuple):
         size: bytes after `nul` and alignment.
         align: alignment of the values if the padding before them is not known at generation time, else 1 (known padding
             is in the code).
-        nul: the terminator of the preceding string is written with these values.
-        start: position of the values, before `nul` when encoding.
+        nul: True if the terminating zero byte of the preceding string is written by the same call, before the values.
+        start: what is known of the position of the first byte that the call reads, or writes (then with the zero byte).
     """
 
     items: tuple[Item, ...]

@@ -202,9 +202,10 @@ class ResultRequester:
         return self._accept_unknown(pending, response)
 
     def _accept_unknown(self, pending: _ResultRequest, response: Any) -> bool:
-        """Report the reply UNKNOWN to the goal and return False.
+        """Handle a server's reply that it does not know the goal; return True if the result will be requested again.
 
-        If the goal may be registered soon, retry and return True.
+        It is requested again if the server may not have registered the accepted goal yet. Otherwise the client's goal
+        gets the reply, and the method returns False.
         """
         if pending.is_early and not pending.is_retrying:
             pending.is_retrying = True

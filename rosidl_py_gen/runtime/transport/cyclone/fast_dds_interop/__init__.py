@@ -2,9 +2,10 @@
 
 What a caller needs, by the object that it asks:
 
-- `FastDdsSupport`, one for the process: what the loaded library supports, and the reasons why it does not.
-- `FastDdsInterop`, one for each open domain: types of services with sample identities.
-- `FastDdsPeers`, one for each participant: which peers are on Fast DDS, their early samples, warnings about them.
+- `FastDdsSupport`, one for the process: which of these features the loaded library has, and why others are missing.
+- `FastDdsInterop`, one for each open domain: prepares types of services so that their samples carry sample identities.
+- `FastDdsPeers`, one for each participant: knows which peers are on Fast DDS, requests the samples that they sent before
+  the match, and warns about peers that cannot be served.
 
 Only `transport/cyclone` imports this package, and only these names. Source: docs/internals/dds.md 2 to 6;
 what is read and written in Cyclone's memory: docs/internals/cyclone_memory.md 1.
