@@ -283,4 +283,6 @@ def _parse_profile(row: Any) -> QoSProfile:
             values[policy.field] = policy.enum[value.upper()] if isinstance(value, str) else policy.enum(value)
         elif policy.is_period:
             values[policy.field] = min(int(row[name]["sec"]) * NS_PER_S + int(row[name]["nsec"]), INFINITE_NS)
-    return QoSProfile(depth=int(row["depth"]), **values)
+        elif policy.field != "avoid_ros_namespace_conventions":  # a matter of the topic's name, which the bag has
+            values[policy.field] = int(row[name])
+    return QoSProfile(**values)

@@ -66,8 +66,8 @@ def _policy(key: YamlScalar, value: YamlNode, name: str) -> tuple[str, Any]:
         return policy, choices[word]
     if policy in _PERIOD_FIELDS:
         return _PERIOD_FIELDS[policy], _period(policy, value, name)
-    if policy == "depth":
-        return policy, _number(value, name, "depth")
+    if policy in _KEYS:
+        return policy, _number(value, name, policy)
     wrong(key, name, f'{_EXPECTED}; found "{policy[:80]}"{did_you_mean(policy, _KEYS)}')
 
 

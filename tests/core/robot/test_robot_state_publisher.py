@@ -192,7 +192,7 @@ async def test_joint_states_that_cannot_be_used_are_ignored(memory: World, caplo
     rig.send(["shoulder"], [], 1)
     rig.send(["shoulder", "grip"], [1.0], 1.1)
     await rig.moved(0)
-    assert "ignored, which has 1 names, such as 'shoulder', and 0 positions; expected as many" in caplog.text
+    assert "ignored, which has 1 name, such as 'shoulder', and 0 positions; expected as many" in caplog.text
     rig.move(2, shoulder=float("nan"), grip=1.0)
     assert await rig.moved(1) == ["finger", "thumb"]
     assert "position nan of joint 'shoulder' ignored; expected a finite number" in caplog.text
