@@ -297,7 +297,7 @@ class GoalTable(Generic[ResultT]):
         goal = self._goals.get(goal_id)
         if goal is None:
             return
-        assert goal.status >= GoalStatus.SUCCEEDED, "the goal has not ended"
+        assert not goal.status.is_active, "the goal has not ended"
         goal.result = result
         if failed:
             goal.status = GoalStatus.ABORTED
@@ -362,11 +362,15 @@ class GoalTable(Generic[ResultT]):
             self._rows.remove(expired)
         return expired
 
-    def remove(self, goal_id: bytes) -> None:
-        """Remove a goal in any status; has no effect if it is not in the table."""
-        if self._goals.pop(goal_id, None) is not None:
-            self._retained_ns.pop(goal_id, None)
-            self._rows.remove([goal_id])
+    def forget_status(self, goal_id: bytes) -> None:
+        """Set the status of a goal to UNKNOWN, which no event changes; has no effect if the goal is not in the table.
+
+        After `retain`, the goal expires like one that has ended.
+        """
+        goal = self._goals.get(goal_id)
+        if goal is not None:
+            goal.status = GoalStatus.UNKNOWN
+            self._rows.set_status(goal_id, goal.status)
 
     def next_expiry_ns(self) -> int | None:
         """Return the time at which the next finished goal expires; None if no goal will expire."""

@@ -223,6 +223,7 @@ class ContextCore:
         self.loop_binding.abandon(self.closed)
         for node in self._nodes.values():
             node._scope.abandon(reason)
+        self.participant.endpoint_index.detach_after_fork()
         self.participant.detach_after_fork()
 
 

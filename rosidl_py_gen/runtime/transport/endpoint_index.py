@@ -63,7 +63,8 @@ class EndpointIndex:
         the GIL."""
         self._changed_topics: set[TopicKey] = set()
         self._caches: dict[TopicKey, list[MatchCache[Any]]] = {}
-        self._change_lock = threading.RLock()
+        self.change_lock = threading.RLock()
+        """Lock of changes, and of the results of the caches."""
 
     def apply(self, events: Iterable[DiscoveryEvent]) -> None:
         """Apply discovery events to the index."""
@@ -74,25 +75,25 @@ class EndpointIndex:
                 case EntityLost():
                     self.remove(event.guid)
                 case ParticipantDiscovered():
-                    with self._change_lock:
+                    with self.change_lock:
                         participant = self.participants.setdefault(event.guid, KnownParticipant())
                         participant.enclave, participant.vendor = event.enclave, event.vendor
                         self.version += 1
                 case NodesAnnounced():
-                    with self._change_lock:
+                    with self.change_lock:
                         self.set_nodes(event.guid, event.nodes)
                         self.participants[event.guid].is_humble = event.is_humble
 
     def add(self, endpoint: DiscoveredEndpoint) -> None:
         """Add an endpoint, or replace its data."""
-        with self._change_lock:
+        with self.change_lock:
             self.endpoints[endpoint.guid] = endpoint
             self._by_topic_key.setdefault(endpoint.topic_key, {})[endpoint.guid] = endpoint
             self._count_change(endpoint.topic_key)
 
     def remove(self, guid: bytes) -> None:
         """Remove an endpoint or a participant from the index, if it is known."""
-        with self._change_lock:
+        with self.change_lock:
             endpoint = self.endpoints.pop(guid, None)
             if endpoint is not None:
                 others = self._by_topic_key.get(endpoint.topic_key, {})
@@ -105,14 +106,14 @@ class EndpointIndex:
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
         """Replace all nodes of a participant in the index."""
-        with self._change_lock:
+        with self.change_lock:
             self.participants.setdefault(participant_guid, KnownParticipant()).nodes = tuple(nodes)
             self.version += 1
 
     def _count_change(self, topic_key: TopicKey) -> None:
         """Record a change of a topic, and invalidate the caches that depend on the topic.
 
-        Lock: _change_lock must be held.
+        Lock: change_lock must be held.
         """
         self._changed_topics.add(topic_key)
         self.version += 1
@@ -121,29 +122,29 @@ class EndpointIndex:
 
     def take_changed_topics(self) -> set[TopicKey]:
         """Return the topics whose endpoints have changed since the last call."""
-        with self._change_lock:
+        with self.change_lock:
             changed, self._changed_topics = self._changed_topics, set()
             return changed
 
-    def add_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> threading.RLock:
-        """Register a cache, which is invalidated at each change of the given topics.
-
-        Returns the lock that is held while it is invalidated.
-        """
-        with self._change_lock:
+    def add_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> None:
+        """Register a cache, which is invalidated at each change of the given topics."""
+        with self.change_lock:
             for topic_key in topic_keys:
                 self._caches.setdefault(topic_key, []).append(cache)
-        return self._change_lock
 
     def remove_cache(self, cache: MatchCache[Any], topic_keys: Iterable[TopicKey]) -> None:
         """Stop invalidating a registered cache; without effect if the cache was removed before."""
-        with self._change_lock:
+        with self.change_lock:
             for topic_key in topic_keys:
                 remaining = [one for one in self._caches.get(topic_key, ()) if one is not cache]
                 if remaining:
                     self._caches[topic_key] = remaining
                 else:
                     self._caches.pop(topic_key, None)
+
+    def detach_after_fork(self) -> None:
+        """Make endpoints closable in a forked child: a thread of the parent may have held the lock."""
+        self.change_lock = threading.RLock()
 
     def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
         """Return the discovered endpoints of a topic: the writers, or with ``writers=False`` the readers."""
@@ -191,13 +192,13 @@ class MatchCache(dict[Hashable, ResultT]):
         self.version = 0
         """Number of changes of the cache's topics so far, with which results that are stored elsewhere can be checked.
         """
-        self._lock = index.add_cache(self, self._topic_keys)
+        index.add_cache(self, self._topic_keys)
 
     def __missing__(self, key: Hashable) -> ResultT:
         version = self.version
         result = self._check(key)
         if self._is_final(result):
-            with self._lock:
+            with self._index.change_lock:
                 if version == self.version:  # else the result of this thread may be older than the change
                     if len(self) >= _MAX_RESULTS:
                         self.clear()

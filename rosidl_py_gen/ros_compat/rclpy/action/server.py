@@ -157,11 +157,18 @@ class ServerGoalHandle(Subscriptable):
             self._action_server._rosidl_set_result(self, response)
 
     def destroy(self) -> None:
-        """Invalidate the goal: its status is unknown, and feedback is ignored."""
+        """Invalidate the goal: its status is unknown, and feedback is ignored. The server still sends its result."""
+        if self._rosidl_invalidate():
+            self._action_server._rosidl_retain(self)
+
+    def _rosidl_invalidate(self) -> bool:
+        """Make the status unknown; return False if it was before."""
         with self._action_server._lock:
-            if not self._rosidl_is_destroyed:
-                self._rosidl_is_destroyed = True
-                self._action_server._rosidl_goals.remove(self._rosidl_key)
+            if self._rosidl_is_destroyed:
+                return False
+            self._rosidl_is_destroyed = True
+            self._action_server._rosidl_goals.forget_status(self._rosidl_key)
+            return True
 
 
 def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
@@ -377,7 +384,7 @@ class ActionServer(ActionWaitable):
             for key in self._rosidl_goals.expire(self._rosidl_now_ns()):
                 goal = self._goal_handles.pop(key, None)
                 if goal is not None:  # None: the program made the handle
-                    goal.destroy()
+                    goal._rosidl_is_destroyed = True
                     self.remove_future(self._result_futures.pop(key))
 
     def _rosidl_has_expired_goal(self) -> bool:
@@ -406,10 +413,10 @@ class ActionServer(ActionWaitable):
         self._rosidl_endpoints.context.notify()
 
     def _rosidl_retain(self, goal: ServerGoalHandle) -> None:
-        """Start the result timeout of a goal that has ended, unless its execute callback still runs."""
+        """Start the result timeout of a goal that has ended or is destroyed, unless its execute callback still runs."""
         now_ns = self._rosidl_now_ns()
         with self._lock:
-            if goal._rosidl_status.is_terminal and goal._rosidl_key not in self._rosidl_executing:
+            if not goal.is_active and goal._rosidl_key not in self._rosidl_executing:
                 self._rosidl_goals.retain(goal._rosidl_key, None, now_ns)
 
     def notify_goal_done(self) -> None:
@@ -482,7 +489,7 @@ class ActionServer(ActionWaitable):
     def destroy(self) -> None:
         """Destroy the server and its goals."""
         for goal in list(self._goal_handles.values()):
-            goal.destroy()
+            goal._rosidl_invalidate()
         for future in list(self._result_futures.values()):
             self.remove_future(future)
         super().destroy()

@@ -208,19 +208,17 @@ def test_result_timeout_starts_when_result_is_retained() -> None:
     assert gid(2) not in goals and goals.next_expiry_ns() == 1151
 
 
-def test_removed_goal_is_unknown_and_not_in_status_message() -> None:
-    goals = goal_table(10, 20)
-    goals.apply(gid(1), E.EXECUTE)
-    goals.apply(gid(1), E.SUCCEED)
-    goals.retain(gid(1), "r", 0)
+def test_goal_with_forgotten_status_keeps_its_id_until_it_expires() -> None:
+    goals = goal_table(10, 20, timeout_ns=100)
     for _ in range(2):
-        goals.remove(gid(1))
-    assert (goals.status(gid(1)), goals.next_expiry_ns(), goals.expire(10**9)) == (S.UNKNOWN, None, [])
+        goals.forget_status(gid(1))
     message = goals.status_message()
-    assert (find_status(message, gid(1)), find_status(message, gid(2))) == (None, S.ACCEPTED)
-    with pytest.raises(UnknownGoalError):
+    assert [find_status(message, gid(number)) for number in (1, 2)] == [goals.status(gid(1)), S.ACCEPTED] == [0, 1]
+    with pytest.raises(GoalTransitionError):
         goals.apply(gid(1), E.EXECUTE)
-    assert goals.accept(gid(1), 30) == GoalInfo(gid(1), 30)
+    assert goals.accept(gid(1), 30) is None and goals.next_expiry_ns() is None
+    goals.retain(gid(1), "r", 1000)
+    assert goals.expire(1101) == [gid(1)] and goals.accept(gid(1), 1200) == GoalInfo(gid(1), 1200)
 
 
 class GoalTableAgainstModel(RuleBasedStateMachine):

@@ -90,6 +90,32 @@ print(talk("still alive".replace(" ", "_")))
 
 @pytest.mark.slow
 @needs_fork
+def test_a_forked_child_closes_a_client_while_discovery_changes_in_the_parent() -> None:
+    text = """
+import threading
+node = Node("parent", context=Context(transport=MemoryTransport()))
+client = node.create_client("example_interfaces/srv/AddTwoInts", "add")
+actions = node.create_action_client("example_interfaces/action/Fibonacci", "count")
+is_held, is_over = threading.Event(), threading.Event()
+def change():
+    with node._scope.participant.endpoint_index.change_lock:
+        is_held.set()
+        is_over.wait()
+thread = threading.Thread(target=change)
+thread.start()
+is_held.wait()
+forked(client.close)
+forked(actions.close)
+is_over.set()
+thread.join()
+node.close()
+"""
+    done = python(FORK + text, timeout_s=20)
+    assert (done.stderr, done.stdout) == ("", "None\n7\nNone\n7\n")
+
+
+@pytest.mark.slow
+@needs_fork
 def test_a_forked_child_of_a_dds_process_can_use_only_memory_transport() -> None:
     text = """
 node = Node("parent")
