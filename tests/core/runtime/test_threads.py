@@ -20,6 +20,8 @@ from support.waiting import wait_until
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import LoopRunner, Node, QoSProfile, get_logger
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, ReceiveQueue, TopicKey
+from rosidl_py_gen.runtime.transport.dds import services
+from rosidl_py_gen.runtime.transport.dds.correlation import ClientCorrelation
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex, MatchCache
 
 if TYPE_CHECKING:
@@ -182,6 +184,36 @@ def test_entities_closed_by_eight_threads_at_once_are_closed_once(
     assert node._scope.owned == {} and node._scope.with_callbacks == {}
     get_logger("after").warning("the file is open")
     assert "the file is open" in "".join(file.read_text() for file in tmp_path.iterdir())
+
+
+def test_servers_that_a_thread_found_before_a_change_do_not_replace_newer_ones(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = memory.node("client").create_client(AddTwoInts, "add")
+    memory.node("first").create_service(AddTwoInts, "add", add)
+    found, may_store, stored = threading.Event(), threading.Event(), []
+    find, update, ours = services.find_servers, ClientCorrelation.update_servers, threading.get_ident()
+
+    def find_slowly(*arguments: Any) -> Any:
+        result = find(*arguments)
+        if threading.get_ident() != ours and not found.is_set():
+            found.set()
+            assert may_store.wait(10)
+        return result
+
+    def record(self: ClientCorrelation, readers: set[bytes], *, uses_sample_identity: bool) -> None:
+        stored.append(len(readers))
+        update(self, readers, uses_sample_identity=uses_sample_identity)
+
+    monkeypatch.setattr(services, "find_servers", find_slowly)
+    monkeypatch.setattr(ClientCorrelation, "update_servers", record)
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(client.service_is_available)
+        assert found.wait(10)
+        memory.node("second").create_service(AddTwoInts, "add", add)
+        assert client.service_is_available()
+        may_store.set()
+        assert asked.result(10) and stored[-1] == 2
 
 
 def test_participant_is_deleted_after_an_endpoint_that_another_thread_deletes(

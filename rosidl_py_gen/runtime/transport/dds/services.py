@@ -123,6 +123,10 @@ class _EndpointPair:
         return [endpoint for endpoint in endpoints if endpoint.service_type is not None]
 
 
+_MAX_TRIES = 10
+"""Maximum number of times that a client looks for servers while endpoints change."""
+
+
 class DdsClient(_EndpointPair):
     """Client of a service on DDS or in memory."""
 
@@ -212,6 +216,19 @@ class DdsClient(_EndpointPair):
         return frozenset(endpoint.guid for endpoint in endpoints)
 
     def _find_servers(self, refusal: Any) -> ServerAvailability:
+        tries = 0
+        while True:
+            version = self._servers.version
+            servers, readers, needs_identity = self._present_servers(refusal)
+            tries += 1
+            with self._index.change_lock:
+                # If endpoints changed meanwhile, another thread may have stored newer servers.
+                if version == self._servers.version or tries == _MAX_TRIES:
+                    self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
+                    return servers
+
+    def _present_servers(self, refusal: Any) -> tuple[ServerAvailability, set[bytes], bool]:
+        """Return the availability, the request readers of the servers, and True if requests need sample identities."""
         matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (self._endpoints_on(self._requests, writers=writers) for writers in (False, True))
         pairs = self._index.known(matched), self._index.known(matched_writers)
@@ -219,16 +236,15 @@ class DdsClient(_EndpointPair):
             *pairs, announced, clients, refusal, self._service.is_compatible, self._uses_sample_identity
         )
         readers = {*matched, *(reader.guid for reader in announced)}
-        self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
         unusable = servers.incompatible_server
         if unusable is not None and self._participant.services_unavailable_reason is None:
             # Because of the rules of a secured domain.
             servers = replace(servers, incompatible_server=unusable._replace(has_topics=False))
         known_writers = (writer.guid for writer in self._endpoints_on(self._replies, writers=True))
         if readers <= {*matched} and {*known_writers} <= {*matched_writers}:
-            return servers
+            return servers, readers, needs_identity
         # Cyclone matches an endpoint some time after its discovery. A server on Fast DDS changes the form of requests.
-        return replace(servers, is_complete=False)
+        return replace(servers, is_complete=False), readers, needs_identity
 
     def close(self) -> None:
         self._close_caches(self._servers, self._server_endpoints)
