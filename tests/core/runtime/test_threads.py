@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import threading
+import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotDoneError
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,11 +18,13 @@ from std_msgs.msg import Int32, String
 from support.local_network import domain_id
 from support.parallel_threads import THREADS, in_threads
 from support.processes import python_process
+from support.raw_endpoints import participant_of
 from support.waiting import wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import LoopRunner, Node, QoSProfile, get_logger
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, ReceiveQueue, TopicKey
+from rosidl_py_gen.runtime.transport.cyclone import domain
 from rosidl_py_gen.runtime.transport.dds import services
 from rosidl_py_gen.runtime.transport.dds.correlation import ClientCorrelation
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex, MatchCache
@@ -242,6 +247,28 @@ def test_participant_is_deleted_after_an_endpoint_that_another_thread_deletes(
         assert not publisher_closed.done()
         may_delete.set()
         publisher_closed.result(10), context_closed.result(10)
+
+
+def test_ctrl_c_while_a_participant_waits_for_another_thread_is_raised_after_its_deletion(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dds.context()  # uses the domain, so the domain stays
+    context = dds.context()
+    participant = participant_of(dds.node("n", context=context))
+    participant.deleting.append(-1)  # another thread
+
+    def interrupt(_: float) -> None:
+        signal.raise_signal(signal.SIGINT)
+        participant.deleting.clear()
+
+    monkeypatch.setattr(domain, "time", SimpleNamespace(monotonic=time.monotonic, sleep=interrupt))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            context.close()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(participant.domain.fast_dds.members) == 1  # the other context
 
 
 DEFAULT_CONTEXT = """

@@ -444,5 +444,5 @@ class CycloneParticipant:
         # first one locks or unlocks the mutex of an entity that the second one has freed. Seen with 11.0.1 in
         # `really_delete_pinned_closed_locked`.
         self.is_deleted = True
-        wait_for_others(self.deleting)
-        self._undo.close()
+        with self._undo:  # also if Ctrl-C was pressed, which is raised after the wait: no later call would delete it
+            c_api.call_with_sigint_deferred(wait_for_others, self.deleting)
