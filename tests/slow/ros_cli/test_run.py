@@ -394,7 +394,7 @@ def test_list_option_prints_executables(workspace: Path) -> None:
         (["-m", "talker"], '"talker" is a package without a module __main__'),
         (["-m", "talker..talk"], "talker"),
         (["-m"], "expected a module after -m"),
-        ([], "Usage:"),
+        ([], "error: rosidl-py run: expected a file, -m and a module, or a package and an executable"),
         (["--nothing", "talker"], "--nothing"),
         (["--path", "nowhere", "src/talker/talker/talk.py"], "nowhere: expected a folder"),
     ],
