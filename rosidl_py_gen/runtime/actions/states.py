@@ -319,7 +319,7 @@ class GoalTable(Generic[ResultT]):
         """
         if goal_id != ZERO_ID and stamp_ns == 0:
             goal = self._goals.get(goal_id)
-            if goal is None:
+            if goal is None or goal.status is GoalStatus.UNKNOWN:
                 return CancelSelection(CancelCode.UNKNOWN_GOAL_ID, by_id=True)
             if not goal.status.is_cancelable:
                 return CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)

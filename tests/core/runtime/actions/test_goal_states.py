@@ -217,6 +217,7 @@ def test_goal_with_forgotten_status_keeps_its_id_until_it_expires() -> None:
     with pytest.raises(GoalTransitionError):
         goals.apply(gid(1), E.EXECUTE)
     assert goals.accept(gid(1), 30) is None and goals.next_expiry_ns() is None
+    assert goals.select_for_cancel(gid(1), 0) == CancelSelection(CancelCode.UNKNOWN_GOAL_ID, by_id=True)
     goals.retain(gid(1), "r", 1000)
     assert goals.expire(1101) == [gid(1)] and goals.accept(gid(1), 1200) == GoalInfo(gid(1), 1200)
 
