@@ -3,6 +3,7 @@
 import time
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from std_msgs.msg import String
 
 rclpy.init()
@@ -11,7 +12,10 @@ publisher = node.create_publisher(String, "beat", 10)
 print("started")
 try:
     while rclpy.ok():
-        publisher.publish(String(data="beat"))
+        try:
+            publisher.publish(String(data="beat"))
+        except RCLError:  # the other thread has shut the context down since `ok`
+            break
         time.sleep(0.05)
     print("left")
 except KeyboardInterrupt:
