@@ -435,6 +435,8 @@ if client.wait_for_service(timeout_sec=float(sys.argv[1])):
     while not received:
         rclpy.spin_once(node)
     print(call.result().sum, received[0])
+    while len(node.get_node_names()) < 2:  # names come on a topic of their own, and may come later than the response
+        rclpy.spin_once(node, timeout_sec=0.1)
 print(sorted(node.get_node_names_and_namespaces_with_enclaves()))
 node.destroy_node()
 rclpy.shutdown()
