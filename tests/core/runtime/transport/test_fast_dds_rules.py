@@ -207,7 +207,7 @@ def test_closed_domain_retains_no_peers_and_returns_its_hooks(dds: World) -> Non
     assert reopened is not domain and reopened.fast_dds.identities_of(reopened.types[REQUEST].address) is hooks
 
 
-def test_hooks_are_lent_to_one_domain_at_a_time_and_reused(dds: World) -> None:
+def test_receive_hooks_belong_to_one_domain_and_are_reused_after_release(dds: World) -> None:
     _, participant, _ = server_without_peers(dds)
     support, types = FastDdsSupport(cyclone.API), participant.domain.types
     first = support.lend_hooks(types[REQUEST], is_reply=False)
