@@ -53,6 +53,15 @@ def test_chunk_that_decompresses_beyond_the_limit_is_refused(tmp_path: Path, has
         require_error(path, limit, max_decompressed_bytes=10_000, skip_damaged=skip_damaged)
 
 
+def test_compressed_message_without_stated_size_is_read_with_little_memory(tmp_path: Path) -> None:
+    with SqliteWriter(tmp_path / "bag", compression_mode="message") as writer:
+        writer._zstd = ZstdCompressor(write_content_size=False)
+        writer.add_topic("/a", BagTopic("/a", *STRING))
+        writer.write("/a", String(data="a").encode(), 1)
+    with memory_limit(1 << 27):  # not the gigabyte that a message may have
+        assert [one.message.data for one in read(tmp_path / "bag")] == ["a"]
+
+
 def test_index_that_lists_a_chunk_repeatedly_is_not_used(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
