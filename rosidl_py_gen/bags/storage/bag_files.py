@@ -112,11 +112,12 @@ def bag_files(folder: Path) -> list[Path]:
 def compression_of(file: Path) -> str | None:
     """Return rosbag2's compression mode of a bag file: ``file``, ``message``, or "" without compression.
 
-    Returns None if the file has no message that shows the mode.
+    Returns None if the file has no intact message that shows the mode.
     """
     if file.suffix == SUFFIX:
         return "file"
-    with closing(SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)) as storage:
+    is_database = file.suffix == ".db3"
+    with closing(SqliteFile(file) if is_database else McapFile(file, True, on_skipped=lambda _: None)) as storage:
         for _, data, _, _, _ in storage.messages(None, 0, MAX_TIME):
             return "message" if bytes(data[:4]) == _MAGIC else ""
     return None

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
-from support.bag_damage import COUNT, String, blocks, chunks, kills, mutations, recording, zeroed_chunk
+from support.bag_damage import COUNT, String, blocks, chunks, kills, mutations, recording, text, zeroed_chunk
 from support.bag_samples import STRING, memory_limit, require_error, write_foreign
 from zstandard import ZstdCompressor
 
@@ -354,6 +354,28 @@ def test_damaged_chunk_is_an_error_with_its_position_or_is_skipped_and_reported(
         ("/t0", "/t1"),
     )
     assert len(table) == (COUNT - 40) // 2
+
+
+@pytest.mark.parametrize("mode", ["none", "message"])
+@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
+def test_bag_whose_first_chunk_is_damaged_is_reindexed_without_that_chunk(
+    tmp_path: Path, compression: str, mode: Any
+) -> None:
+    with BagWriter(tmp_path / "bag", compression=compression, compression_mode=mode) as writer:
+        for number in range(4):
+            writer.write("/t", String(data=text(number)), number)
+            if number % 2:
+                writer.flush()
+    file = tmp_path / "bag" / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, end = chunks(bytes(data))[0]
+    data[begin + 60 : end] = bytes(end - begin - 60)
+    file.write_bytes(data)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    done = reindex_folder(tmp_path / "bag")
+    assert done.messages == 2 and [one.offset for one in done.damaged] == [begin]
+    with BagReader(tmp_path / "bag") as reader:
+        assert [(one.log_time, one.message.data) for one in reader] == [(number, text(number)) for number in (2, 3)]
 
 
 def test_zeros_in_the_last_chunk_are_the_end_of_a_file_without_index(tmp_path: Path) -> None:
