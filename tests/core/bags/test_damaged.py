@@ -1,6 +1,6 @@
 """Damaged files yield correct data or our error, in bounded time and memory; losses are reported.
 
-Full versions: `tests/support/bag_damage.py`.
+Full versions: `tests/support/bag_damage.py`; any damage of any bag: `tests/slow/bags/test_damage_machine.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
-from support.bag_damage import COUNT, String, blocks, chunks, kills, mutations, recording, text, zeroed_chunk
+from support.bag_damage import COUNT, String, blocks, chunks, kills, recording, text, zeroed_chunk
 from support.bag_samples import STRING, memory_limit, require_error, write_foreign
 from zstandard import ZstdCompressor
 
@@ -305,13 +305,6 @@ def test_files_are_synced_to_disk_before_they_are_renamed(tmp_path: Path, monkey
     for name in ("bag_0.mcap.zstd", "metadata.yaml"):
         at = steps.index(("rename", name))
         assert steps[at - 1 : at + 2] == [("sync", f".{name}"), ("rename", name), ("sync", "bag")]
-
-
-@pytest.mark.slow
-def test_mutated_files_yield_intact_messages_or_an_error_and_skip_damaged_recovers_more(tmp_path: Path) -> None:
-    figures = mutations(tmp_path, 250)
-    assert figures["skipping: messages"] > 2 * figures["strict: messages"]
-    assert figures["slowest ms"] < 2000
 
 
 @pytest.mark.parametrize("compression", ["", "zstd"])
