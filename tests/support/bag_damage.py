@@ -1,8 +1,7 @@
 """Damage recordings, and check that readers return the intact messages or raise one of our errors.
 
-The tests run a few hundred cases; all of them, with figures:
-``python tests/support/bag_damage.py mutations --count 10000``,
-``python tests/support/bag_damage.py blocks`` and ``python tests/support/bag_damage.py kills --count 100``.
+The tests run a few hundred cases; all of them, with figures: ``python tests/support/bag_damage.py blocks`` and
+``python tests/support/bag_damage.py kills --count 100``. Random damage: `tests/slow/bags/test_damage_machine.py`.
 """
 
 from __future__ import annotations
@@ -93,56 +92,6 @@ def found(path: Path, count: int, *, skip_damaged: bool) -> tuple[int, int] | No
     return len(times), damaged
 
 
-def mutated(data: bytes, dice: random.Random) -> bytes:
-    made = bytearray(data)
-    for _ in range(dice.choice([1, 1, 1, 2, 3, 8])):
-        at = dice.randrange(len(made))
-        size = dice.choice([1, 2, 8, 60, 1000])
-        match dice.randrange(9):
-            case 0:
-                made[at] = dice.randrange(256)
-            case 1:
-                made[at] ^= 1 << dice.randrange(8)
-            case 2:
-                made[at : at + 8] = dice.choice([0, 1, 2**31, 2**63, 2**64 - 1, len(data)]).to_bytes(8, "little")
-            case 3:
-                made[at : at + size] = bytes(len(made[at : at + size]))
-            case 4:
-                del made[at : at + size]
-            case 5:
-                made[at:at] = made[at : at + size]
-            case 6:
-                made[at:at] = dice.randbytes(size)
-            case 7:
-                other = dice.randrange(len(made))
-                made[at : at + size] = made[other : other + size]
-            case 8:
-                del made[at:]
-        if not made:
-            break
-    return bytes(made)
-
-
-def mutations(folder: Path, count: int, seed: int = 1) -> dict[str, int]:
-    """Read mutated files, and return figures about the results."""
-    dice, figures = random.Random(seed), Counter[str]()
-    files = [
-        recording(folder / f"{compression or 'none'}.mcap", 400, compression) for compression in ("", "zstd", "lz4")
-    ]
-    files += [data[: -len(data) // 8] for data in files]  # of killed recorders
-    path, slowest = folder / "mutated.mcap", 0.0
-    for number in range(count):
-        path.write_bytes(mutated(files[number % len(files)], dice))
-        began = time.process_time()
-        for skip_damaged in (False, True):
-            answer = found(path, 400, skip_damaged=skip_damaged)
-            how = "refused" if answer is None else "damage skipped" if answer[1] else "read"
-            figures[f"{'skipping' if skip_damaged else 'strict'}: {how}"] += 1
-            figures[f"{'skipping' if skip_damaged else 'strict'}: messages"] += answer[0] if answer else 0
-        slowest = max(slowest, time.process_time() - began)
-    return {**figures, "slowest ms": round(slowest * 1000)}
-
-
 def blocks(folder: Path, compression: str, count: int, step: int = BLOCK) -> dict[str, int]:
     """Cut a file, cut it and append zeros, and zero a block, at every block; with its index and without."""
     whole = recording(folder / f"{compression or 'none'}.mcap", count, compression)
@@ -218,9 +167,9 @@ def kills(folder: Path, mode: str, count: int, seed: int = 1) -> dict[str, int]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("what", choices=["mutations", "blocks", "kills", "write"])
+    parser.add_argument("what", choices=["blocks", "kills", "write"])
     parser.add_argument("path", nargs="?")
-    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--mode", default="none")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
@@ -233,9 +182,7 @@ def main() -> None:
 
 
 def _cases(given: argparse.Namespace, folder: Path) -> Iterator[tuple[str, dict[str, int]]]:
-    if given.what == "mutations":
-        yield "mutations", mutations(folder, given.count, given.seed)
-    elif given.what == "blocks":
+    if given.what == "blocks":
         for compression in ("", "zstd", "lz4"):
             yield compression or "none", blocks(folder, compression, 8000)
     else:

@@ -51,7 +51,7 @@ async def until_canceled(handle: Any) -> Any:
 async def pair(world: World, execute: Any = fibonacci, *, lost_after_s: float = 0.3, **options: Any) -> Any:
     server = world.node("server").create_action_server(Fibonacci, "fib", execute, **options)
     client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_timeout_s=lost_after_s)
-    assert await client.wait_for_server(timeout_s=5)
+    assert await client.wait_for_server(timeout_s=20)
     return server, client
 
 
@@ -99,7 +99,7 @@ def served_in_thread(world: World, execute: Any) -> Iterator[None]:
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
     try:
-        assert ready.wait(5)
+        assert ready.wait(20)
         yield
     finally:
         stop.set()

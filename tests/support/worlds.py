@@ -63,7 +63,7 @@ class World:
         alice, bob = self.pair()
         subscription: Subscription[Any] = bob.create_subscription(msg_type, topic, callback, qos, **options)
         publisher: Publisher[Any] = alice.create_publisher(msg_type, topic, qos)
-        assert await publisher.wait_for_subscribers(timeout_s=5)
+        assert await publisher.wait_for_subscribers(timeout_s=20)
         return publisher, subscription
 
     async def served(
@@ -73,7 +73,7 @@ class World:
         alice, bob = self.pair()
         server: ServiceServer[Any, Any] = alice.create_service(srv_type, name, handler)
         client: Client[Any, Any] = bob.create_client(srv_type, name)
-        assert await client.wait_for_service(timeout_s=5)
+        assert await client.wait_for_service(timeout_s=20)
         return server, client
 
     def close(self) -> None:

@@ -102,7 +102,7 @@ class Peer:
             timeout=20.0,
         )
         self._kept.append(querier)
-        until_s = time.monotonic() + 5
+        until_s = time.monotonic() + 20
         while not querier.matching_status.matching and time.monotonic() < until_s:
             time.sleep(0.01)
         callback = zenoh.handlers.Callback(take, indirect=False)

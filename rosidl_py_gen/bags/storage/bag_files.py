@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
 from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
-from rosidl_py_gen.bags.storage.mcap_chunks import BLOCK_BYTES, MAX_WINDOW, Zstd
+from rosidl_py_gen.bags.storage.mcap_chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, ReadingProgress, library_errors_as_bag_error
@@ -42,6 +42,8 @@ _PAGES = struct.Struct(">16x H 10x I")
 _MAX_RATIO = 1000
 _MAX_HEAD = 18
 """Maximum bytes of the header of a zstd frame, which states the decompressed size."""
+_PIECE_BYTES = 1 << 20
+"""Maximum size of decompressed data that is read at a time; zstandard allocates as much for the smallest data."""
 
 
 def open_files(
@@ -110,11 +112,12 @@ def bag_files(folder: Path) -> list[Path]:
 def compression_of(file: Path) -> str | None:
     """Return rosbag2's compression mode of a bag file: ``file``, ``message``, or "" without compression.
 
-    Returns None if the file has no message that shows the mode.
+    Returns None if the file has no intact message that shows the mode.
     """
     if file.suffix == SUFFIX:
         return "file"
-    with closing(SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)) as storage:
+    is_database = file.suffix == ".db3"
+    with closing(SqliteFile(file) if is_database else McapFile(file, True, on_skipped=lambda _: None)) as storage:
         for _, data, _, _, _ in storage.messages(None, 0, MAX_TIME):
             return "message" if bytes(data[:4]) == _MAGIC else ""
     return None
@@ -172,7 +175,11 @@ def _decompressed_pieces(stream: IO[bytes]) -> tuple[int, Iterator[bytes]]:
     stated_size = frame_content_size(stream.read(_MAX_HEAD))
     stream.seek(0)
     reader = ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(stream, read_across_frames=True)
-    return stated_size, iter(partial(reader.read, BLOCK_BYTES), b"")
+    return stated_size, _pieces(reader)
+
+
+def _pieces(reader: Any) -> Iterator[bytes]:
+    return iter(partial(reader.read, _PIECE_BYTES), b"")
 
 
 def _is_decompressible(path: Path) -> bool:
@@ -270,14 +277,18 @@ class _CompressedMessages:
                 )
             if size >= 0:
                 return self._zstd.own.decompress(data)
-            output = self._zstd.own.stream_reader(data).read(self._max_bytes + 1)
+            output = bytearray()
+            for piece in _pieces(self._zstd.own.stream_reader(data)):
+                output += piece
+                if len(output) > self._max_bytes:
+                    break
         except (ZstdError, MemoryError) as error:
             raise BagError(f"{place}: damaged: {error}") from None
         if len(output) > self._max_bytes:
             raise BagError(
                 f"{place}: decompresses to more than {self._max_bytes} bytes, which is max_decompressed_bytes"
             )
-        return output
+        return bytes(output)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
         blocks = self._storage.blocks(topics, start, end)

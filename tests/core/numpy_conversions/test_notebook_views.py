@@ -100,9 +100,9 @@ def test_pictures_of_images_have_their_colours() -> None:
     assert pixels(array_to_image(picture[..., 0], "bayer_rggb8")).shape == (40, 60, 3)
     large = np.zeros((3000, 4000, 3), np.uint8)
     large[:, 2000:] = 200
-    start = time.perf_counter()
+    start = time.process_time()
     small = pixels(array_to_image(large, "rgb8"))
-    assert time.perf_counter() - start < 2 and small.shape == (429, 572, 3)
+    assert time.process_time() - start < 2 and small.shape == (429, 572, 3)
     assert (small[:, :280] == 0).all() and (small[:, 290:] == 200).all()
 
 
@@ -180,8 +180,8 @@ def test_clouds_are_displayed_from_above() -> None:
     assert "no field" in fallback(PointCloud2())
     random = np.random.default_rng(1)
     many = points(*random.normal(size=(3, 1_000_000)))
-    start = time.perf_counter()
-    assert max(pixels(many).shape) == 480 and time.perf_counter() - start < 3
+    start = time.process_time()
+    assert max(pixels(many).shape) == 480 and time.process_time() - start < 3
     assert len(message_html(many)) < 600_000
     assert pixels(points([3e38, -3e38], [0, 0], [0, 0])).shape == (40, 480, 3)
 

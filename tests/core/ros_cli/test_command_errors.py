@@ -51,7 +51,7 @@ ECHO = "hint: expected `rosidl-py topic echo [OPTIONS] TOPIC [TYPE]`; --help exp
         ),
     ],
 )
-def test_wrong_command_line_is_one_line_of_error_and_one_of_hint(
+def test_wrong_command_line_prints_one_error_line_and_its_hint(
     words: str, error: str, hint: str, run_here: RunHere
 ) -> None:
     code, out, err = run_here(*words.split())

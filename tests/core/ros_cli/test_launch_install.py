@@ -177,7 +177,7 @@ def test_folder_of_clones_replaces_the_network(run_here: RunHere, tmp_path: Path
         (["--launch-from", "."], r"\.: no package launch_ros; expected clones of https://github.com/ros2/launch_ros, "),
     ],
 )
-def test_failed_installation_is_one_line_error_with_cure(
+def test_failed_installation_prints_one_error_line_with_the_cure(
     words: list[str], text: str, run_here: RunHere, archives: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     write(tmp_path / "clones", REPOSITORIES["ros2/launch"])
@@ -187,7 +187,7 @@ def test_failed_installation_is_one_line_error_with_cure(
     assert re.match(f"error: {text}", err), err
 
 
-def test_damaged_archive_is_one_line_error(run_here: RunHere, archives: Path) -> None:
+def test_damaged_archive_prints_one_error_line(run_here: RunHere, archives: Path) -> None:
     (archives / "ros2/launch/jazzy.zip").write_bytes(b"<html>")
     code, _, err = run_here("launch", "--install")
     assert (code, err.count("\n")) == (1, 1)

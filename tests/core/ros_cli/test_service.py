@@ -143,7 +143,7 @@ async def test_service_echo_prints_requests_and_responses(network: World, tool: 
     assert process.stdout is not None
     first = asyncio.ensure_future(process.stdout.readline())
     while not first.done():  # the command may learn of the publisher of events later than this node of its subscription
-        await client.call(AddTwoInts.Request(a=2, b=3), 5)
+        await client.call(AddTwoInts.Request(a=2, b=3), 20)
         await asyncio.wait([first], timeout=1)
     events = [json.loads(await first), json.loads(await process.stdout.readline())]
     assert (await tool.interrupt(process)).code == 0

@@ -191,7 +191,7 @@ def test_entities_closed_by_eight_threads_at_once_are_closed_once(
     assert "the file is open" in "".join(file.read_text() for file in tmp_path.iterdir())
 
 
-def test_servers_that_a_thread_found_before_a_change_do_not_replace_newer_ones(
+def test_outdated_servers_found_by_a_thread_do_not_overwrite_newer_ones(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client = memory.node("client").create_client(AddTwoInts, "add")

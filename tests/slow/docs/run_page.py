@@ -68,6 +68,16 @@ class Started:
         async for line in self.process.stdout:
             self.output.write(line.decode())
 
+    async def first_line(self) -> None:
+        """Wait until a program that prints has printed a line; raises if it never does."""
+        if self.block.language != "python" or "print(" not in self.block.text:
+            return
+        end = asyncio.get_running_loop().time() + TIMEOUT_S
+        while not self.output.getvalue():
+            if self.reader.done() or asyncio.get_running_loop().time() > end:
+                raise PageError("the program printed nothing")
+            await asyncio.sleep(0.02)
+
     async def interrupt(self) -> None:
         """End the process as Ctrl-C does; raises if it ended in another way."""
         if self.process.returncode is not None:
@@ -107,13 +117,14 @@ class Page:
                 expected = below.text if below and below.language == "text" and not below.title else ""
                 with self._place(block):
                     await self._run_block(block, expected, found)
+            for one in self.started:
+                with self._place(one.block):
+                    await one.first_line()
             if self.started:  # some are programs that end
                 await asyncio.wait([one.reader for one in self.started], timeout=2)
             for one in reversed(self.started):
                 with self._place(one.block):
                     await one.interrupt()
-                    if one.block.language == "python" and "print(" in one.block.text and not one.output.getvalue():
-                        raise PageError("the program printed nothing")
         finally:
             for one in self.started:
                 with contextlib.suppress(ProcessLookupError):
@@ -223,7 +234,7 @@ class Page:
         lines = [line.replace("//robot:", f"//{gethostname()}:") for line in lines]
         patterns = [re.escape(line).replace("…", ".*") + "[ \\t]*\n" if line != "…" else "(?:.*\n)*?" for line in lines]
         running = self.started[-1] if self.started and self.started[-1].output is self.output else None
-        end = asyncio.get_running_loop().time() + (TIMEOUT_S if running else 5)
+        end = asyncio.get_running_loop().time() + (TIMEOUT_S if running else 10)
         while not re.match("".join(patterns), self.output.getvalue()):
             if asyncio.get_running_loop().time() > end or (running and running.reader.done()):
                 raise PageError(f"expected {lines}, printed {self.output.getvalue()!r:.3000}")

@@ -75,7 +75,7 @@ while [ ! -e ended ]; do sleep 0.1; done
         ("```sh\necho one  # leave it running\n```\n\n```text\ntwo\n```", "expected ['two'], printed 'one"),
         (LEFT_RUNNING, "ended with 2"),
         ('```python title="one.py"\nprint(1)\n```', "no other block uses one.py"),
-        ('=== "Blocking"\n\n    ```python\n    1 / 0\n    ```', "ZeroDivisionError"),
+        ('=== "Blocking"\n\n    ```python\n    print(1)\n    1 / 0\n    ```', "ZeroDivisionError"),
         ('=== "Blocking"\n\n    ```python\n    if 0: print(1)\n    ```', "the program printed nothing"),
     ],
 )

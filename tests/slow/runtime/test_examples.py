@@ -86,7 +86,7 @@ def start(name: str, *arguments: str) -> Example:
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> None:
     """Press Ctrl-C and expect an end without error."""
     process.send_signal(number)
-    _, errors = process.communicate(timeout=10)
+    _, errors = process.communicate(timeout=60)
     assert errors == ""
     assert process.returncode == 0
 
@@ -107,16 +107,16 @@ def test_talker_and_listener_examples_exchange_messages(talker: str, listener: s
 @pytest.mark.parametrize("service", ["service.py", "service_callbacks.py"])
 def test_service_and_client_examples_add_numbers(service: str) -> None:
     serving = start(service)
-    output, errors = start("client.py", "40").communicate(timeout=20)
+    output, errors = start("client.py", "40").communicate(timeout=60)
     assert (output.splitlines(), errors) == (["40 + 1 = 41", "40 + 2 = 42", "40 + 3 = 43"], "")
-    assert start("client_sync.py").communicate(timeout=20) == ("40 + 2 = 42\n", "")
+    assert start("client_sync.py").communicate(timeout=60) == ("40 + 2 = 42\n", "")
     stop(serving)
 
 
 @pytest.mark.usefixtures("network")
 def test_fibonacci_example_reports_feedback_result_and_cancel() -> None:
     serving = start("fibonacci_server.py")
-    output, errors = start("fibonacci_client.py", "4").communicate(timeout=20)
+    output, errors = start("fibonacci_client.py", "4").communicate(timeout=60)
     lines = output.splitlines()
     assert (lines[:4], errors) == (
         ["so far: 0 1 1", "so far: 0 1 1 2", "so far: 0 1 1 2 3", "SUCCEEDED: 0 1 1 2 3"],
@@ -285,21 +285,22 @@ def test_sim_time_example_runs_ten_times_as_fast_and_nodes_follow() -> None:
     simulating = start("sim_time.py")
     listening = start("listener.py")
     talking_process = start("talker_callbacks.py", "--ros-args", "-p", "use_sim_time:=true")
+    times = [float(simulating.line().split()[2])]
     begin = time.monotonic()
-    times = [float(simulating.line().split()[2]) for _ in range(20)]
+    times += [float(simulating.line().split()[2]) for _ in range(19)]
     assert times == sorted(times) and times[-1] - times[0] > 15
     assert time.monotonic() - begin < 15
     listening.line()
     begin = time.monotonic()
     for _ in range(20):
         assert listening.line().startswith("I heard: ")
-    assert time.monotonic() - begin < 10
+    assert time.monotonic() - begin < 15
     for process in (simulating, listening, talking_process):
         stop(process)
 
 
 def test_service_chain_example_replies_although_one_service_is_gone() -> None:
-    output, errors = start("service_chain.py").communicate(timeout=20)
+    output, errors = start("service_chain.py").communicate(timeout=60)
     assert (output.splitlines(), errors) == (
         ["ready: battery: 87 %; camera: 30 frames/s", "not ready: battery: 87 %; camera: no answer within 2 s"],
         "",
@@ -307,7 +308,7 @@ def test_service_chain_example_replies_although_one_service_is_gone() -> None:
 
 
 def test_random_cancel_example_reports_same_outcomes_on_both_sides() -> None:
-    output, errors = start("random_cancel.py", "30").communicate(timeout=30)
+    output, errors = start("random_cancel.py", "30").communicate(timeout=60)
     *goals, last = output.splitlines()
     assert (len(goals), errors) == (30, "")
     ends = {"accepted": "CANCELED", "refused": "SUCCEEDED", "too late": "SUCCEEDED"}
@@ -367,7 +368,7 @@ def test_echo_any_example_copies_and_prints_unknown_types() -> None:
 
 def test_meet_robot_example_stops_a_robot_of_unknown_types() -> None:
     robot = start("strange_robot.py")
-    output, errors = start("meet_robot.py").communicate(timeout=30)
+    output, errors = start("meet_robot.py").communicate(timeout=60)
     *watched, last = output.splitlines()
     assert (watched[:2], errors) == (
         [
@@ -378,5 +379,5 @@ def test_meet_robot_example_stops_a_robot_of_unknown_types() -> None:
     )
     assert re.fullmatch(r"stop: cell 1 is at 3\.(3\d|29) V", last)
     assert all(re.fullmatch(r"the lowest cell is at 3\.4\d V", line) for line in watched[2:])
-    output, errors = robot.communicate(timeout=10)
+    output, errors = robot.communicate(timeout=60)
     assert (output.splitlines()[-1], errors) == (f"stopped by a visitor: {last.removeprefix('stop: ')}", "")

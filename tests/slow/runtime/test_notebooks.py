@@ -43,7 +43,7 @@ publisher = node.create_publisher(Int32, "n")
 node.create_service(SetBool, "s", lambda request: SetBool.Response(success=request.data))
 client = node.create_client(SetBool, "s")
 await publisher.wait_for_subscribers(5, count=2)
-await client.wait_for_service(5)
+await client.wait_for_service(20)
 """
 KERNEL_S = 60.0
 
@@ -127,7 +127,7 @@ async def test_node_runs_callbacks_and_calls_between_notebook_cells(tmp_path: Pa
         await notebook.cell("publisher.publish(Int32(data=1))")
         await notebook.printed(made, "heard 1\n")  # printed between two cells, below the cell that passed the function
         await notebook.cell("publisher.publish(Int32(data=2))")
-        await notebook.cell("received = [(await subscription.receive(5)).data for _ in range(2)]")
+        await notebook.cell("received = [(await subscription.receive(20)).data for _ in range(2)]")
         await notebook.cell("assert received == heard == [1, 2], (received, heard)")
         assert (await notebook.error("client.call_sync(SetBool.Request(), 5)")).startswith(
             "WouldDeadlockError: call_sync of Client(/s, "
@@ -136,7 +136,7 @@ async def test_node_runs_callbacks_and_calls_between_notebook_cells(tmp_path: Pa
         assert "one runs here already (Jupyter always has one)" in await notebook.error("run(client.call)")
         refused = await notebook.error("asyncio.run(asyncio.sleep(0))")
         assert refused == "RuntimeError: asyncio.run() cannot be called from a running event loop"
-        await notebook.cell("assert (await client.call(SetBool.Request(data=True), 5)).success\nnode.context.close()")
+        await notebook.cell("assert (await client.call(SetBool.Request(data=True), 20)).success\nnode.context.close()")
 
     await in_notebook(tmp_path, use)
 

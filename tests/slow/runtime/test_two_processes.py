@@ -75,7 +75,7 @@ async def test_messages_of_several_threads_arrive_completely_and_in_order_in_ano
     begin = threading.Barrier(THREADS)
 
     def publish(first: int) -> None:
-        begin.wait(5)
+        begin.wait(20)
         for number in range(first, first + each):
             publisher.publish(Int32(data=number))
 

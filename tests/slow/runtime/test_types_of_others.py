@@ -61,7 +61,7 @@ def robot(network: World) -> Iterator[None]:
         yield
         process.stdin.write("end\n")
         process.stdin.flush()
-        assert process.wait(10) == 0
+        assert process.wait(60) == 0
 
 
 @pytest.mark.usefixtures("robot")

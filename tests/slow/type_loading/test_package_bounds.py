@@ -17,7 +17,7 @@ pytestmark = [
     pytest.mark.real_time("measures the time of processes"),
     pytest.mark.skipif(os.name == "nt", reason="there is no prefix"),
 ]
-MAX_CPU_S = 2.0
+MAX_CPU_S = 4.0
 MAX_BYTES = 200 << 20
 IMPORTS = """
 import fnmatch, itertools, os

@@ -64,10 +64,10 @@ async def test_bytes_of_a_cancelled_goal_match_ros(dds: World) -> None:
     server.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
     server.create_action_server(Fibonacci, "fib", until_canceled)
     client = dds.node("client").create_action_client(Fibonacci, "fib")
-    goal = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=5, goal_id=GOAL_ID)
+    goal = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=20, goal_id=GOAL_ID)
     await until(lambda: len(status.reader.queue.items) == 1)
-    await goal.cancel(timeout_s=5)
-    await goal.result(timeout_s=5)
+    await goal.cancel(timeout_s=20)
+    await goal.result(timeout_s=20)
     one = GOAL_ID.hex()
     assert send[0].take() == [wire(one, "03 00 00 00")]  # goal_id, order
     assert send[1].take() == [wire("01 00 00 00", STAMP)]  # accepted, 3 pad bytes, stamp
@@ -86,8 +86,8 @@ async def test_cancel_all_and_cancel_before_send_zero_goal_id(dds: World) -> Non
     cancel = tap_service(dds.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
     dds.node("server").create_action_server(Fibonacci, "fib", until_canceled)
     client = dds.node("client").create_action_client(Fibonacci, "fib")
-    await client.cancel_all(timeout_s=5)
-    await client.cancel_before(Time(seconds=10, nanoseconds=5), timeout_s=5)
+    await client.cancel_all(timeout_s=20)
+    await client.cancel_before(Time(seconds=10, nanoseconds=5), timeout_s=20)
     assert cancel[0].take() == [wire("00" * 24), wire("00" * 16, STAMP)]
     assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
 
@@ -96,7 +96,7 @@ async def test_result_request_for_unknown_goal_returns_unknown_and_default_resul
     result = tap_service(dds.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
     dds.node("server").create_action_server(Fibonacci, "fib", until_canceled)
     result_client = dds.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
-    await result_client.call(Fibonacci.GetResult.Request(), timeout_s=5)
+    await result_client.call(Fibonacci.GetResult.Request(), timeout_s=20)
     assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
 
 

@@ -37,7 +37,7 @@ def test_ctrl_c_stops_program_whose_handler_runs_in_a_thread(style: str, handler
     try:
         assert process.stdout is not None and process.stdout.readline() == b"executing\n"
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=10)
+        _, errors = process.communicate(timeout=60)
     finally:
         process.kill()
     if style != "asyncio":  # which lets KeyboardInterrupt through
@@ -87,7 +87,7 @@ async def test_closing_server_cancels_async_handlers(world: World) -> None:
 
     server, client = await pair(world, execute)
     await client.send_goal(goal())
-    await asyncio.wait_for(entered.wait(), 5)
+    await asyncio.wait_for(entered.wait(), 20)
     server.close()
     server.close()
     await until(lambda: seen == [True])

@@ -46,7 +46,7 @@ async def test_status_topic_publishes_every_transition_in_order(world: World) ->
     server, client = await pair(world, at_once)
     seen = await statuses_of(world, server)
     for _ in range(3):
-        await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
+        await (await client.send_goal(goal(), timeout_s=20)).result(timeout_s=20)
     await until(lambda: len(seen) >= 6)
     assert seen == [[2], [4], [4, 2], [4, 4], [4, 4, 2], [4, 4, 4]]
 
@@ -58,7 +58,7 @@ async def test_goal_response_is_sent_before_first_status(
 ) -> None:
     server, client = await pair(world, at_once, goal_callback=accept)
     written = record(monkeypatch, server)
-    await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
+    await (await client.send_goal(goal(), timeout_s=20)).result(timeout_s=20)
     await until(lambda: len(written) >= 4)
     assert written[:2] == ["send_goal", "status 2"]
     assert sorted(written[2:]) == ["get_result", "status 4"]
@@ -101,7 +101,7 @@ async def test_succeed_in_another_thread_returns_after_status_is_published(
 @pytest.mark.every_transport
 async def test_closing_node_publishes_pending_status(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     server, client = await pair(world, None)
-    sending = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    sending = asyncio.ensure_future(client.send_goal(goal(), timeout_s=20))
     handle = (await take(server.__aiter__())).accept()
     await sending
     written = record(monkeypatch, server)

@@ -77,9 +77,9 @@ async def test_invalid_result_status_raises_action_error_and_invalid_stamp_becom
 @pytest.mark.every_transport
 async def test_goal_yields_feedback_and_result(world: World) -> None:
     _, client = await pair(world)
-    handle = await client.send_goal(goal(3), timeout_s=5)
+    handle = await client.send_goal(goal(3), timeout_s=20)
     feedback = [list(item.sequence) async for item in handle.feedback()]
-    status, got = await handle.result(timeout_s=5)
+    status, got = await handle.result(timeout_s=20)
     assert feedback == [[0], [0, 1], [0, 1, 2]]
     assert (status, list(got.sequence), handle.status) == (S.SUCCEEDED, [0, 1, 2], S.SUCCEEDED)
     assert (await handle.result())[0] is S.SUCCEEDED  # any number of times
@@ -98,9 +98,9 @@ async def test_introspection_publishes_events_of_all_three_action_services(world
     await until(lambda: all(node.count_publishers(f"fib/_action/{name}/_service_event") == 2 for name in services))
     publishers = [entity(end, f"/{name}/_service_event") for end in (server, client) for name in services]
     await until(lambda: all(publisher.subscription_count for publisher in publishers))
-    handle = await client.send_goal(goal(3), timeout_s=5)
-    await handle.cancel(timeout_s=5)
-    status, _ = await handle.result(timeout_s=5)
+    handle = await client.send_goal(goal(3), timeout_s=20)
+    await handle.cancel(timeout_s=20)
+    status, _ = await handle.result(timeout_s=20)
     await until(lambda: all(len(found) == 4 for found in events.values()))
     for found in events.values():
         assert sorted(event.info.event_type for event in found) == [0, 1, 2, 3]
@@ -165,8 +165,8 @@ async def test_cancelled_goal_publishes_executing_canceling_canceled(world: Worl
     seen = await statuses_of(world, server)
     handle = await client.send_goal(goal())
     await until(lambda: handle.status is S.EXECUTING)
-    await handle.cancel(timeout_s=5)
-    status, got = await handle.result(timeout_s=5)
+    await handle.cancel(timeout_s=20)
+    status, got = await handle.result(timeout_s=20)
     assert (status, list(got.sequence)) == (S.CANCELED, [7])
     await until(lambda: seen[-1:] == [[5]])
     assert seen == [[2], [3], [5]]
@@ -195,7 +195,7 @@ async def test_cancel_all_returns_every_goal_id(world: World) -> None:
 
     _, client = await pair(world, until_canceled)
     handles = [await client.send_goal(goal()) for _ in range(3)]
-    assert sorted(await client.cancel_all(timeout_s=5)) == sorted(h.goal_id for h in handles)
+    assert sorted(await client.cancel_all(timeout_s=20)) == sorted(h.goal_id for h in handles)
     assert [(await h.result())[0] for h in handles] == [S.CANCELED] * 3
     assert await client.cancel_all() == []
 
@@ -248,11 +248,11 @@ async def test_results_are_retained_until_result_timeout(world: World) -> None:
     ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
     request = Fibonacci.GetResult.Request()
     request.goal_id.uuid = handle.goal_id
-    assert (await ask.call(request, timeout_s=5)).status == 4
+    assert (await ask.call(request, timeout_s=20)).status == 4
     clock.set_ros_time_override(Time(seconds=160, clock_type=ClockType.ROS_TIME))
-    assert (await ask.call(request, timeout_s=5)).status == 4
+    assert (await ask.call(request, timeout_s=20)).status == 4
     clock.set_ros_time_override(Time(seconds=161, clock_type=ClockType.ROS_TIME))
-    got = await ask.call(request, timeout_s=5)
+    got = await ask.call(request, timeout_s=20)
     assert (got.status, list(got.result.sequence)) == (0, []) and retained_goal_count(server) == 0
 
 
@@ -260,12 +260,12 @@ async def test_results_are_retained_until_result_timeout(world: World) -> None:
 async def test_short_goals_return_results_with_zero_result_timeout(network: World) -> None:
     server, client = await pair(network, lambda handle: result(1), result_timeout_s=0)
     ask = network.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
-    await ask.wait_for_service(5)
+    await ask.wait_for_service(20)
     for _ in range(20):
-        handle = await client.send_goal(goal(1), timeout_s=5)
+        handle = await client.send_goal(goal(1), timeout_s=20)
         request = Fibonacci.GetResult.Request()
         request.goal_id.uuid = handle.goal_id
-        response, (status, value) = await asyncio.gather(ask.call(request, timeout_s=5), handle.result(timeout_s=5))
+        response, (status, value) = await asyncio.gather(ask.call(request, timeout_s=20), handle.result(timeout_s=20))
         assert (response.status, status, list(value.sequence)) == (4, S.SUCCEEDED, [1])
     await until(lambda: retained_goal_count(server) == 0)
 
@@ -369,11 +369,11 @@ def test_goal_request_dropped_by_the_program_is_rejected_with_warning(
                 retained.append(request.accept())
 
         task = asyncio.ensure_future(serve())
-        forgotten = asyncio.ensure_future(client.send_goal(goal(1), timeout_s=5))
-        late = asyncio.ensure_future(client.send_goal(goal(3), timeout_s=5))
+        forgotten = asyncio.ensure_future(client.send_goal(goal(1), timeout_s=20))
+        late = asyncio.ensure_future(client.send_goal(goal(3), timeout_s=20))
         with pytest.raises(GoalRejectedError):
             await forgotten
-        accepted = await client.send_goal(goal(2), timeout_s=5)
+        accepted = await client.send_goal(goal(2), timeout_s=20)
         with pytest.raises(AlreadyRespondedError, match="another goal is active"):
             retained[0].accept()
         with pytest.raises(GoalRejectedError):
@@ -381,10 +381,10 @@ def test_goal_request_dropped_by_the_program_is_rejected_with_warning(
         with pytest.raises(GoalRejectedError):
             await client.send_goal(goal(2), timeout_s=5)
         retained[1].succeed(result(8))
-        assert list((await accepted.result(timeout_s=5))[1].sequence) == [8]
+        assert list((await accepted.result(timeout_s=20))[1].sequence) == [8]
         assert not server._undecided
         server.close()
-        await asyncio.wait_for(task, 5)
+        await asyncio.wait_for(task, 20)
 
     run(main)
     assert "dropped without accept(), defer() or reject()" in caplog.text
@@ -441,7 +441,7 @@ async def test_action_named_by_text_uses_dicts(world: World) -> None:
 
     world.node().create_action_server(name, "fib", execute, goal_callback=lambda g: g["order"] < 9)
     client = world.node().create_action_client(name, "fib")
-    handle = await client.send_goal({"order": 3}, timeout_s=5)
+    handle = await client.send_goal({"order": 3}, timeout_s=20)
     assert [item async for item in handle.feedback()] == [{"sequence": [0]}]
     assert await handle.result() == (S.SUCCEEDED, {"sequence": [0, 1, 2]})
     with pytest.raises(GoalRejectedError):
@@ -493,7 +493,7 @@ async def test_goal_of_replaced_server_raises_unknown_goal_error(world: World) -
     world.node("server").create_action_server(Fibonacci, "fib", fibonacci)
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)
-    assert (await (await client.send_goal(goal(1))).result(timeout_s=5))[0] is S.SUCCEEDED
+    assert (await (await client.send_goal(goal(1))).result(timeout_s=20))[0] is S.SUCCEEDED
 
 
 @pytest.mark.every_transport
@@ -516,8 +516,8 @@ async def test_closing_action_client_wakes_pending_waits_with_closed_error(world
 def test_sync_calls_work_in_plain_code(world: World) -> None:
     with served_in_thread(world, fibonacci):
         client = world.node().create_action_client(Fibonacci, "fib")
-        handle = client.send_goal_sync(goal(4), timeout_s=5)
-        status, got = handle.result_sync(timeout_s=5)
+        handle = client.send_goal_sync(goal(4), timeout_s=20)
+        status, got = handle.result_sync(timeout_s=20)
         assert (status, list(got.sequence)) == (S.SUCCEEDED, [0, 1, 2, 3])
         with pytest.raises(AlreadyTerminatedError):
             handle.cancel_sync(timeout_s=5)

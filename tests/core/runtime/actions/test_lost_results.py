@@ -60,7 +60,7 @@ async def test_lost_result_request_is_repeated_after_its_goal_ended(
 ) -> None:
     lost = lose(monkeypatch, 3)
     _, client = await pair(world)
-    handles = [await client.send_goal(goal(2), timeout_s=5) for _ in range(3)]
+    handles = [await client.send_goal(goal(2), timeout_s=20) for _ in range(3)]
     for handle in handles:
         assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
     assert len(lost) == 3
@@ -153,11 +153,11 @@ async def test_unknown_reply_of_second_node_with_same_name_ends_no_goal(
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.ACK_TIMEOUT_S", 0.05)
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.02)
     _, client = await pair(dds, until_canceled)
-    handle = await client.send_goal(goal(), timeout_s=5)
+    handle = await client.send_goal(goal(), timeout_s=20)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
     (wanted,) = pending_results(client)
     await until(lambda: wanted.unknown_reply is not None)
     await asyncio.sleep(0.5)  # 25 checks
     assert not handle.is_done
-    await client.cancel_all(timeout_s=5)
-    assert (await handle.result(timeout_s=5))[0] is S.CANCELED
+    await client.cancel_all(timeout_s=20)
+    assert (await handle.result(timeout_s=20))[0] is S.CANCELED

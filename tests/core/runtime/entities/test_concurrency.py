@@ -99,21 +99,21 @@ async def test_invalid_concurrency_is_refused(memory: World, value: Any, error: 
 async def test_latest_returns_newest_message_regardless_of_how_it_was_received(world: World) -> None:
     node = world.node()
     publisher, subscription = node.create_publisher(Int64, "t"), node.create_subscription(Int64, "t")
-    await publisher.wait_for_subscribers(5)
+    await publisher.wait_for_subscribers(20)
     assert subscription.latest() is None
     publisher.publish(Int64(data=1))
-    taken = await subscription.receive(5)
+    taken = await subscription.receive(20)
     assert subscription.latest() is taken and subscription.latest() is taken
     publisher.publish(Int64(data=2))
-    assert (await subscription.receive_with_info(5))[0] is subscription.latest()
+    assert (await subscription.receive_with_info(20))[0] is subscription.latest()
     publisher.publish(Int64(data=3))
     async for message in subscription:
         assert subscription.latest() is message and message.data == 3
         break
     for number in (4, 5):
         publisher.publish(Int64(data=number))
-    assert (await subscription.receive(5)).data == 4
+    assert (await subscription.receive(20)).data == 4
     await until(lambda: getattr(subscription.latest(), "data", 0) == 5)
     publisher.publish(Int64(data=6))
-    assert (await subscription.receive(5)).data == 6
+    assert (await subscription.receive(20)).data == 6
     assert getattr(subscription.latest(), "data", 0) == 6

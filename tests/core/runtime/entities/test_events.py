@@ -189,7 +189,7 @@ async def test_liveliness_is_lost_without_assert_liveliness(dds: World) -> None:
         QoSProfile().manual_liveliness(lease_s=1.0),
         event_callbacks=SubscriptionEventCallbacks(liveliness=statuses.append),
     )
-    assert await subscription.wait_for_publishers(timeout_s=5)
+    assert await subscription.wait_for_publishers(timeout_s=20)
     publisher.publish(String(data="begins the lease"))
     began_s = last_s = time.monotonic()
     while last_s < began_s + 1.4:  # more than one lease, in which nothing is published
@@ -225,7 +225,7 @@ async def test_dds_reports_missed_deadlines_and_lost_liveliness(dds: World) -> N
     publisher = alice.create_publisher(
         String, "t", qos, event_callbacks=PublisherEventCallbacks(deadline=missed.append, liveliness=lost.append)
     )
-    await subscription.wait_for_publishers(5)
+    await subscription.wait_for_publishers(20)
     publisher.publish(String())
     await until(lambda: bool(late and missed and lost) and any(one.not_alive_count for one in alive))
     for first in (late[0], missed[0], lost[0]):

@@ -155,7 +155,7 @@ async def test_request_queue_of_server_is_shared_between_client_nodes(
     nodes = [world.node() for _ in range(3)]
     clients = [node.create_client(AddTwoInts, "add") for node in (*nodes, nodes[0])]
     for client in clients:
-        assert await client.wait_for_service(timeout_s=5)
+        assert await client.wait_for_service(timeout_s=20)
     depths = lambda: [c.service_is_available() and c._transport_client.servers().request_queue_depth for c in clients]  # noqa: E731
     await until(lambda: depths() == [3] * 4)
     nodes[2].close()

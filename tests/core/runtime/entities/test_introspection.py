@@ -35,7 +35,7 @@ async def exchange(world: World, client_state: IntrospectionState, server_state:
     node.clock.set_ros_time_override(Time(seconds=77, clock_type=ClockType.ROS_TIME))
     server.configure_introspection(node.clock, SYSTEM_DEFAULT, server_state)
     client.configure_introspection(caller.clock, SYSTEM_DEFAULT, client_state)
-    assert (await client.call(AddTwoInts.Request(a=2, b=3), timeout_s=5)).sum == 5
+    assert (await client.call(AddTwoInts.Request(a=2, b=3), timeout_s=20)).sum == 5
     return events, client, server, node, caller
 
 

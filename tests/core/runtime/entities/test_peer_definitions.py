@@ -69,7 +69,7 @@ async def test_message_of_lyrical_definition_is_dropped_and_logged(
     for number in range(3):
         lyrical.publish(lyrical_event())
         jazzy.publish(Event(timestamp=number))
-    assert [(await subscription.receive(5)).timestamp for _ in range(3)] == [0, 1, 2]
+    assert [(await subscription.receive(20)).timestamp for _ in range(3)] == [0, 1, 2]
     if world.kind != "zenoh":
         await until(lambda: subscription.latest() is None or subscription.incompatible_dropped == 3)
     assert (subscription.latest(), subscription.undecodable) == (Event(timestamp=2), 0)
@@ -95,7 +95,7 @@ async def test_every_way_to_receive_skips_messages_of_another_definition(memory:
     options: dict[str, Any] = {"raw": True} if form == "raw" else {}
     source = "sensor_msgs/msg/Range" if form == "dict" else Range
     subscription = bob.create_subscription(source, "range", received.append if form == "callback" else None, **options)
-    assert await publisher.wait_for_subscribers(5) and await other.wait_for_subscribers(5)
+    assert await publisher.wait_for_subscribers(20) and await other.wait_for_subscribers(5)
     expected = Range(range=2.5)
     publisher.publish(expected)
     other.publish(HumbleRange(range=1.5))
@@ -199,7 +199,7 @@ async def test_definition_of_writer_without_hash_is_detected_by_sample_size(
     alice, bob = world.pair()
     subscription = bob.create_subscription(Range, "range")
     publisher = alice.create_publisher(without_hash(HumbleRange), "range")
-    assert await publisher.wait_for_subscribers(5)
+    assert await publisher.wait_for_subscribers(20)
     for _ in range(2):
         publisher.publish_raw(HumbleRange(range=1.5).encode())
         with pytest.raises(WaitTimeoutError, match="node /alice announces no type hash, and its messages do not fit"):
@@ -259,7 +259,7 @@ async def test_humble_participant_is_detected_by_its_graph_messages(
     assert await publisher.wait_for_subscribers(5, count=2)
     await bob.wait_for_node("alice", 10)
     publisher.publish_raw(Event(timestamp=123 << 32).encode())
-    assert (await loose.receive(5)).stamp.nanosec == 123
+    assert (await loose.receive(20)).stamp.nanosec == 123
     await until(lambda: subscription.take() is None and subscription.incompatible_dropped == 1)
     await until(lambda: "messages on /t from node /alice are dropped" in caplog.text)
     (record,) = [record for record in caplog.records if "are dropped" in record.message]
@@ -277,13 +277,13 @@ async def test_humble_writer_with_same_definition_is_examined_only_once(
     publisher = humble_node(dds, "alice").create_publisher(without_hash(Event), "t")
     bob = dds.node("bob")
     subscription = bob.create_subscription(Event, "t")
-    assert await publisher.wait_for_subscribers(5)
+    assert await publisher.wait_for_subscribers(20)
     await bob.wait_for_node("alice", 10)
     publisher.publish_raw(Event(timestamp=1).encode())
-    assert (await subscription.receive(5)).timestamp == 1
+    assert (await subscription.receive(20)).timestamp == 1
     monkeypatch.setattr(type(bob._scope.graph), "is_humble", lambda *_: pytest.fail("examined again"))
     publisher.publish_raw(Event(timestamp=2).encode())
-    assert (await subscription.receive(5)).timestamp == 2
+    assert (await subscription.receive(20)).timestamp == 2
 
 
 async def test_ros_participant_without_node_names_is_treated_as_humble(
@@ -294,7 +294,7 @@ async def test_ros_participant_without_node_names_is_treated_as_humble(
     events, ranges = bob.create_subscription(LyricalEvent, "events"), bob.create_subscription(Range, "ranges")
     event = alice.create_publisher(without_hash(Event), "events")
     distance = alice.create_publisher(without_hash(Range), "ranges")
-    assert await event.wait_for_subscribers(5) and await distance.wait_for_subscribers(5)
+    assert await event.wait_for_subscribers(20) and await distance.wait_for_subscribers(5)
     for is_ros in (True, False):
         monkeypatch.setattr(bob._scope.graph, "is_ros", lambda guid, is_ros=is_ros: is_ros)
         event.publish_raw(Event(timestamp=1).encode())
@@ -379,7 +379,7 @@ async def test_server_drops_requests_without_hash_that_do_not_fit_its_definition
     server = alice.create_service(ours, "s", lambda request: requests.append(request) or ours.Response(a=1))
     of_humble, of_jazzy = service_without_hash(theirs), service_without_hash(ours)
     old, new = (bob.create_client(cls, "s", type_hash_check="off") for cls in (of_humble, of_jazzy))
-    assert await old.wait_for_service(5) and await new.wait_for_service(5)
+    assert await old.wait_for_service(20) and await new.wait_for_service(5)
     with pytest.raises(CallTimeoutError):
         await old.call(of_humble.Request(seen=HumbleRange(range=3.0)), 0.3)
     assert (requests, server.incompatible_dropped) == ([], 1)

@@ -99,10 +99,10 @@ async def test_receive_timeout_states_definition_mismatch_or_silent_publisher(wo
     await until(lambda: bob.count_publishers("x") == bob.count_publishers("quiet") == 1)
     subscription, silent = bob.create_subscription(old, "x"), bob.create_subscription(Int32, "quiet")
     if world.kind != "zenoh":
-        await publisher.wait_for_subscribers(5)
+        await publisher.wait_for_subscribers(20)
         publisher.publish(new())
     assert "s: node /alice has another definition of pkg/msg/X, RIHS01_" in await why(subscription.receive(1))
-    await silent.wait_for_publishers(5)
+    await silent.wait_for_publishers(20)
     assert (await why(silent.receive(TIMEOUT_S))).endswith("s: 1 publisher connected, but sent nothing")
     assert quiet.subscription_count == 1
 

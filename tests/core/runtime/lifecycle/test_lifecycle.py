@@ -172,10 +172,10 @@ async def test_lifecycle_services_change_and_report_the_state(world: World) -> N
 
     async def request(number: int, label: str = "") -> bool:
         message = ChangeState.Request(transition=Transition(id=number, label=label))
-        return bool((await change.call(message, timeout_s=5)).success)
+        return bool((await change.call(message, timeout_s=20)).success)
 
     async def state() -> tuple[int, str]:
-        current = (await get.call(GetState.Request(), timeout_s=5)).current_state
+        current = (await get.call(GetState.Request(), timeout_s=20)).current_state
         return current.id, current.label
 
     assert await state() == (1, "unconfigured")
@@ -185,16 +185,16 @@ async def test_lifecycle_services_change_and_report_the_state(world: World) -> N
     node.answers["deactivate"] = False
     assert not await request(4) and await state() == (3, "active")
     states = other.create_client(GetAvailableStates, "/n/get_available_states")
-    answer = await states.call(GetAvailableStates.Request(), 5)
+    answer = await states.call(GetAvailableStates.Request(), 20)
     assert [s.id for s in answer.available_states] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
     possible = other.create_client(GetAvailableTransitions, "/n/get_available_transitions")
-    rows = (await possible.call(GetAvailableTransitions.Request(), 5)).available_transitions
+    rows = (await possible.call(GetAvailableTransitions.Request(), 20)).available_transitions
     assert [(r.transition.id, r.transition.label, r.start_state.id, r.goal_state.id) for r in rows] == [
         (4, "deactivate", 3, 14),
         (7, "shutdown", 3, 12),
     ]
     graph = other.create_client(GetAvailableTransitions, "/n/get_transition_graph")
-    assert len((await graph.call(GetAvailableTransitions.Request(), 5)).available_transitions) == 25
+    assert len((await graph.call(GetAvailableTransitions.Request(), 20)).available_transitions) == 25
 
 
 async def test_second_transition_is_refused_while_one_is_running(world: World) -> None:

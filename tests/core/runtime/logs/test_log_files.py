@@ -241,7 +241,7 @@ def test_rosout_logs_can_be_switched_off(open_node: OpenNode, capsys: pytest.Cap
         node.logger.warning("x")
         listener.logger.warning("y")
         listener.logger.warning("z")
-        assert [(await records.receive(5))["msg"] for _ in range(2)] == ["y", "z"]
+        assert [(await records.receive(20))["msg"] for _ in range(2)] == ["y", "z"]
         assert "[n]: x" in capsys.readouterr().err
         assert "/rosout" not in [name for name, _ in node.get_publisher_names_and_types_by_node("n")]
 

@@ -59,14 +59,14 @@ def test_sync_methods_receive_and_wait_without_event_loop(world: World) -> None:
         pytest.skip("the same code runs there")
     alice, bob = world.pair()
     publisher, subscription = alice.create_publisher(String, "t"), bob.create_subscription(String, "t")
-    publisher.wait_for_subscribers_sync(5)
-    subscription.wait_for_publishers_sync(timeout_s=5)
+    publisher.wait_for_subscribers_sync(20)
+    subscription.wait_for_publishers_sync(timeout_s=20)
     publisher.publish(String(data="a"))
-    assert subscription.receive_sync(5).data == "a"
+    assert subscription.receive_sync(20).data == "a"
     publisher.publish(String(data="b"))
     message, info = subscription.receive_with_info_sync(5)
     assert (message.data, info.publisher_gid) == ("b", publisher.gid)
-    assert publisher.wait_for_acknowledged_sync(5) and bob.wait_for_node_sync("alice", 5)
+    assert publisher.wait_for_acknowledged_sync(20) and bob.wait_for_node_sync("alice", 20)
     with pytest.raises(WaitTimeoutError, match="no message on /t"):
         subscription.receive_sync(0.01)
 

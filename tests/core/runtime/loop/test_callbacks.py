@@ -62,7 +62,7 @@ class Calls:
 async def messages(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
     bob.create_subscription(Int32, "n", callback)
     publisher = alice.create_publisher(Int32, "n")
-    await publisher.wait_for_subscribers(5)
+    await publisher.wait_for_subscribers(20)
     CALLER.set("the publisher")
     publisher.publish(Int32())
     publisher.publish(Int32())
@@ -75,7 +75,7 @@ async def requests(alice: Node, bob: Node, calls: Calls, handler: Callable[..., 
     calls.answer = lambda request: SetBool.Response()
     bob.create_service(SetBool, "s", handler)
     client = alice.create_client(SetBool, "s")
-    await client.wait_for_service(5)
+    await client.wait_for_service(20)
     CALLER.set("the client")
     sent = [asyncio.ensure_future(client.call(SetBool.Request())) for _ in range(CALLS)]
     await calls.wait_for_all()
@@ -95,9 +95,9 @@ async def ticks(alice: Node, bob: Node, calls: Calls, callback: Callable[..., An
 async def _goals(alice: Node, bob: Node, execute: Callable[[Any], Any], **options: Any) -> list[Any]:
     bob.create_action_server(Fibonacci, "fib", execute, **options)
     client = alice.create_action_client(Fibonacci, "fib")
-    assert await client.wait_for_server(5)
+    assert await client.wait_for_server(20)
     CALLER.set("the client")
-    sent = [client.send_goal(Fibonacci.Goal(), timeout_s=5) for _ in range(CALLS)]
+    sent = [client.send_goal(Fibonacci.Goal(), timeout_s=20) for _ in range(CALLS)]
     return await asyncio.gather(*sent, return_exceptions=True)
 
 
@@ -133,9 +133,9 @@ class Parameters:
 
 async def _sets(alice: Node, bob: Node, calls: Calls) -> None:
     client = alice.create_parameter_client("bob")
-    assert await client.wait_for_services(5)
+    assert await client.wait_for_services(20)
     CALLER.set("the client")
-    await client.set({"a": 1, "b": 1, "c": 1}, 5)
+    await client.set({"a": 1, "b": 1, "c": 1}, 20)
     await calls.wait_for_all()
 
 
@@ -254,7 +254,7 @@ def test_failing_on_result_function_is_reported() -> None:
 def test_foreign_cancellation_is_reported_and_cancellation_of_own_task_is_not() -> None:
     async def main() -> None:
         owner, foreign = Owner(), asyncio.get_running_loop().create_future()
-        user = UserCallback(owner, lambda: asyncio.wait_for(foreign, 5), "the callback")
+        user = UserCallback(owner, lambda: asyncio.wait_for(foreign, 20), "the callback")
         task = user.call()
         assert task is not None
         await asyncio.sleep(0)

@@ -103,11 +103,11 @@ def test_sample_wakes_task_without_another_loop_iteration(dds: World, rounds: li
     last: list[float | None] = []
 
     async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
-        await subscription.wait_for_publishers(timeout_s=5)
+        await publisher.wait_for_subscribers(timeout_s=20)
+        await subscription.wait_for_publishers(timeout_s=20)
         for number in range(100):
             sending = while_the_loop_sleeps(partial(publisher.publish, Int32(data=number)))
-            assert (await subscription.receive(timeout_s=5)).data == number
+            assert (await subscription.receive(timeout_s=20)).data == number
             last.append(rounds[-1])  # 0 if another iteration followed the one that slept
             sending.join()
             if last[-1]:

@@ -99,7 +99,7 @@ def test_loop_timer_fires_although_data_keeps_arriving(arrivals: Arrivals) -> No
     done: list[float] = []
     due = arrivals.loop.time() + 0.05
     arrivals.loop.call_at(due, lambda: done.append(arrivals.loop.time()))
-    while not done and arrivals.loop.time() < due + 5:
+    while not done and arrivals.loop.time() < due + 60:
         arrivals.deliver(b"next")
     assert done
     arrivals.deliver(b"next")

@@ -196,7 +196,7 @@ def test_inherited_nodes_and_entities_raise_closed_error_after_a_fork(world: Wor
     assert in_forked_child(lambda: node.logger.warning("from the child")) == "None"
     assert node.get_node_names() == ["/parent"]
     publisher.publish(Int32(data=3))
-    assert asyncio.run(subscription.receive(timeout_s=5)).data == 3
+    assert asyncio.run(subscription.receive(timeout_s=20)).data == 3
 
 
 OPEN = """

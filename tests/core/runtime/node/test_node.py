@@ -66,7 +66,7 @@ async def test_nodes_discover_each_other_and_notice_closed_nodes(world: World) -
     carol = world.node("carol", "/ns", context=alice.context)
     for node in (alice, bob, carol):
         for name in ("/alice", "/bob", "/ns/carol"):
-            assert await node.wait_for_node(name, timeout_s=5)
+            assert await node.wait_for_node(name, timeout_s=20)
         assert node.get_node_names() == ["/alice", "/bob", "/ns/carol"]
     carol.close()
 
@@ -77,7 +77,7 @@ async def test_nodes_discover_each_other_and_notice_closed_nodes(world: World) -
             if bob.get_node_names() == ["/alice", "/bob"]:
                 return
 
-    await asyncio.wait_for(until_carol_left(), 5)
+    await asyncio.wait_for(until_carol_left(), 20)
     with pytest.raises(WaitTimeoutError, match=r"^no node /nobody appeared in 0.05 s$"):
         await bob.wait_for_node("nobody", timeout_s=0.05)
     with pytest.raises(WaitTimeoutError, match='no node /alce appeared; did you mean "/alice"'):
@@ -90,8 +90,8 @@ async def test_endpoint_info_contains_node_type_hash_and_qos(world: World) -> No
     qos = QoSProfile().keep_last(7).transient_local().deadline(1.5)
     publisher = alice.create_publisher(String, "/topic", qos)
     alice.create_subscription(String, "/topic", qos=QoSProfile().keep_all().best_effort())
-    assert await publisher.wait_for_subscribers(timeout_s=5)
-    assert await bob.wait_for_node("/alice", timeout_s=5)
+    assert await publisher.wait_for_subscribers(timeout_s=20)
+    assert await bob.wait_for_node("/alice", timeout_s=20)
     await until(lambda: bob.count_publishers("/topic") == 1 and bob.count_subscribers("/topic") == 1)
     await until(lambda: bob.get_publishers_info_by_topic("/topic")[0].node_name == "alice")
     (info,) = bob.get_publishers_info_by_topic("topic")
@@ -301,7 +301,7 @@ async def test_log_messages_of_a_node_are_published_on_rosout(world: World) -> N
     logs = bob.create_subscription(Log, "/rosout", qos=ROSOUT)
     alice.logger.warning("careful")
     while True:
-        message = await logs.receive(timeout_s=5)
+        message = await logs.receive(timeout_s=20)
         if message.name == "alice":
             break
     assert (message.level, message.msg) == (30, "careful")
@@ -364,9 +364,9 @@ def test_context_refuses_a_second_running_loop(world: World) -> None:
     async def later() -> None:
         subscription = node.create_subscription(Int32, "n")
         publisher = node.create_publisher(Int32, "n")
-        assert await publisher.wait_for_subscribers(timeout_s=5)
+        assert await publisher.wait_for_subscribers(timeout_s=20)
         publisher.publish(Int32(data=1))
-        assert (await subscription.receive(timeout_s=5)).data == 1
+        assert (await subscription.receive(timeout_s=20)).data == 1
 
     asyncio.run(later())  # consecutive loops are allowed
 
@@ -398,11 +398,11 @@ async def test_contexts_of_different_domains_do_not_match_on_the_network() -> No
         publisher = first.create_publisher(String, "s")
         near_subscription = near.create_subscription(String, "s")
         far_subscription = far.create_subscription(String, "s")
-        assert await publisher.wait_for_subscribers(timeout_s=5)
+        assert await publisher.wait_for_subscribers(timeout_s=20)
         with pytest.raises(WaitTimeoutError, match=r"^1 subscription on /s, expected at least 2, in 1 s$"):
             await publisher.wait_for_subscribers(timeout_s=1, count=2)
         publisher.publish(String(data="near"))
-        assert await near_subscription.receive(timeout_s=5) == String(data="near")
+        assert await near_subscription.receive(timeout_s=20) == String(data="near")
         with pytest.raises(WaitTimeoutError):
             await far_subscription.receive(timeout_s=0.2)
         await until(lambda: sorted(first.get_node_names()) == ["/first", "/near"])

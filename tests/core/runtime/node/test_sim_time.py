@@ -39,19 +39,19 @@ async def test_use_sim_time_can_be_switched_at_run_time(world: World) -> None:
     node, source = world.node("n"), world.node("source").create_sim_time_publisher()
     remote = world.node("other").create_parameter_client("/n")
     assert node.clock.now() > ros(1_000_000_000)
-    assert (await remote.set({"use_sim_time": True}, 5))[0].successful
+    assert (await remote.set({"use_sim_time": True}, 20))[0].successful
     assert node.clock.now() == ros(0)  # until the first /clock
-    assert await source.wait_for_subscribers(5)
+    assert await source.wait_for_subscribers(20)
     source.set_time(ros(100))
     await until(lambda: node.clock.now() == ros(100))
     source.advance(2.5)
     await until(lambda: node.clock.now() == ros(102.5))
     source.advance(-50)
     await until(lambda: node.clock.now() == ros(52.5))
-    assert (await remote.set({"use_sim_time": False}, 5))[0].successful
+    assert (await remote.set({"use_sim_time": False}, 20))[0].successful
     assert node.clock.now() > ros(1_000_000_000)
     await until(lambda: entity(source, "/clock").subscription_count == 0)
-    assert (await remote.set({"use_sim_time": True}, 5))[0].successful
+    assert (await remote.set({"use_sim_time": True}, 20))[0].successful
     assert node.clock.now() == ros(0)
 
 
@@ -91,7 +91,7 @@ def test_time_source_changes_only_when_use_sim_time_changes(world: World) -> Non
 async def test_timers_follow_simulated_time(world: World) -> None:
     node = world.node("n", args="--ros-args -p use_sim_time:=true")
     source = world.node("source").create_sim_time_publisher()
-    assert await source.wait_for_subscribers(5)
+    assert await source.wait_for_subscribers(20)
     calls: list[float] = []
     timer = node.create_timer(10.0, lambda: calls.append(node.clock.now().seconds))
     await run_ready_callbacks()

@@ -35,7 +35,7 @@ NOT_IN_USE = "Type not currently in use by this node"
 
 
 async def names_and_encodings(asker: Any, cls: Any) -> list[tuple[str, str, str]]:
-    got = await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
+    got = await asker.get_type_description("/n", "", type_hash(cls), timeout_s=20)
     assert got.successful
     return [(source.type_name, source.encoding, source.raw_file_contents) for source in got.type_sources]
 
@@ -45,7 +45,7 @@ async def test_type_compiled_from_text_is_described(world: World) -> None:
     node, asker = world.node("n"), world.node("asker")
     node.create_publisher(Foo, "foo")
     node.create_subscription(get_message("std_msgs/msg/Bool"), "after", lambda message: None)
-    got = await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
+    got = await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=20)
     (field,) = got.type_description.type_description.fields
     assert (field.name, field.type.type_id) == ("x", 6)
     assert await names_and_encodings(asker, Foo) == [("my_pkg/msg/Foo", "msg", "")]
@@ -111,13 +111,13 @@ async def test_missing_hash_is_taken_from_announcements_of_the_node(world: World
     asker.create_publisher(string, "elsewhere")  # types of the same name on other nodes must be ignored
     world.node("neighbour", "/ns").create_publisher(string, "elsewhere")
     node.create_subscription(OddString, "odd", lambda message: None)
-    got = await asker.get_type_description("n", "std_msgs/msg/String", timeout_s=5)
+    got = await asker.get_type_description("n", "std_msgs/msg/String", timeout_s=20)
     assert fields_of(got) == [("not_a_string", 6)]
     node.create_client(Ask, "ask")
     got = await asker.get_type_description("/ns/n", "my_pkg/srv/Ask_Request", include_type_sources=False)
     assert (fields_of(got), got.type_sources) == ([("question", 17)], [])
     node.create_action_server(Walk, "walk", lambda goal: None)
-    got = await asker.get_type_description("/ns/n", "my_pkg/action/Walk_FeedbackMessage", None, timeout_s=5)
+    got = await asker.get_type_description("/ns/n", "my_pkg/action/Walk_FeedbackMessage", None, timeout_s=20)
     assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
 
 
@@ -177,7 +177,7 @@ async def test_several_announced_hashes_raise_error_that_lists_them(world: World
     await until(lambda: len(asker.get_publisher_names_and_types_by_node("n")) == 4)
     with pytest.raises(TypeDescriptionError, match=f"^{re.escape(words)}$"):
         await asker.get_type_description("/n", "std_msgs/msg/String", timeout_s=5)
-    got = await asker.get_type_description("/n", "std_msgs/msg/String", type_hash(string), timeout_s=5)
+    got = await asker.get_type_description("/n", "std_msgs/msg/String", type_hash(string), timeout_s=20)
     assert fields_of(got) == [("data", 17)]
 
 
@@ -258,7 +258,7 @@ async def test_type_description_response_bytes_match_ros(dds: World) -> None:
     replies = raw_endpoints.reader(dds.node("watcher"), "rr/n/get_type_descriptionReply", kind)
     dds.node("n").create_publisher(Foo, "foo")
     asker = dds.node("asker")
-    await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
+    await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=20)
     await until(lambda: len(replies.queue.items) == 1)
     with pytest.raises(TypeDescriptionError):
         await asker.get_type_description("/n", "my_pkg/msg/Foo", "RIHS01_", timeout_s=5)

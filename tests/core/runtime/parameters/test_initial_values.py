@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 async def list_parameters_of(memory: World, node: Node) -> None:
     asker = memory.node("asker")
-    await asker.create_parameter_client(node.fully_qualified_name).list(timeout_s=5)
+    await asker.create_parameter_client(node.fully_qualified_name).list(timeout_s=20)
     asker.close()
 
 

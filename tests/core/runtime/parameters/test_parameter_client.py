@@ -55,14 +55,14 @@ async def test_empty_lists_are_set_with_type_of_the_remote_parameter(world: Worl
     node = world.node("n")
     lists = node.declare_parameters(Lists)
     remote = world.node("other").create_parameter_client("/n")
-    assert await remote.set(EMPTY, timeout_s=5) == [OK] * 6
+    assert await remote.set(EMPTY, timeout_s=20) == [OK] * 6
     assert lists == Lists([], [], [], [], [], b"")
     lists.tags = ["b"]
-    assert await remote.set_atomically({"tags": [], "numbers": [2]}, timeout_s=5) == OK
+    assert await remote.set_atomically({"tags": [], "numbers": [2]}, timeout_s=20) == OK
     assert (lists.tags, lists.numbers) == ([], [2])
-    assert await remote.set([Parameter("tags", parameter_value([]))], 5) == [OK]
+    assert await remote.set([Parameter("tags", parameter_value([]))], 20) == [OK]
     undeclared = SetResult(False, "Invalid access to undeclared parameter(s): ['nope']")
-    assert await remote.set({"nope": [], "tags": []}, 5) == [undeclared, OK]
+    assert await remote.set({"nope": [], "tags": []}, 20) == [undeclared, OK]
     refused = "Wrong parameter type, expected 'Type.INTEGER' got 'Type.BYTE_ARRAY'"
     assert await remote.set({"left.pwm": []}, 5) == [SetResult(False, refused)]
 

@@ -108,7 +108,7 @@ def test_post_set_callbacks_of_a_declaration_do_not_block_other_threads() -> Non
         if parameters[0].name == "speed":
             thread = threading.Thread(target=lambda: results.append(world.set(other=2)), daemon=True)
             thread.start()
-            thread.join(5)
+            thread.join(20)
 
     world.store.callbacks.add("post-set", set_elsewhere)
     bind_class(world.store, Drive)

@@ -279,12 +279,12 @@ def test_reads_do_not_wait_for_slow_set_callbacks(store: ParameterStore) -> None
 
     def slow(parameters: list[Parameter]) -> None:
         entered.set()
-        assert release.wait(5)
+        assert release.wait(20)
 
     added = store.callbacks.add("pre-set", lambda ps: slow(ps) or ps)  # type: ignore[func-returns-value]
     setter = threading.Thread(target=lambda: setattr(live, "a", 1))
     setter.start()
-    assert entered.wait(5)
+    assert entered.wait(20)
     assert live.a == 0 and snapshot(live) == Triple() and store.get("a").value == 0 and store.listing().names
     release.set()
     setter.join()
@@ -295,7 +295,7 @@ def test_reads_do_not_wait_for_slow_set_callbacks(store: ParameterStore) -> None
     added = store.callbacks.add("post-set", slow)
     setter = threading.Thread(target=lambda: setattr(live, "a", 2))
     setter.start()
-    assert entered.wait(5)
+    assert entered.wait(20)
     added.close()
     live.a = 3
     release.set()

@@ -104,13 +104,13 @@ async def test_parameter_services_reply_like_rclpy(world: World) -> None:
     node.declare_parameter("g.b", "x")
     other = world.node("other")
     get = other.create_client(GetParameters, "/n/get_parameters")
-    answer = await get.call(GetParameters.Request(names=["g.b", "a"]), 5)
+    answer = await get.call(GetParameters.Request(names=["g.b", "a"]), 20)
     assert [value.type for value in answer.values] == [4, 2]
-    assert (await get.call(GetParameters.Request(names=["a", "nope"]), 5)).values == []
+    assert (await get.call(GetParameters.Request(names=["a", "nope"]), 20)).values == []
     types = other.create_client(GetParameterTypes, "/n/get_parameter_types")
-    assert list((await types.call(GetParameterTypes.Request(names=["a", "g.b"]), 5)).types) == [2, 4]
+    assert list((await types.call(GetParameterTypes.Request(names=["a", "g.b"]), 20)).types) == [2, 4]
     listing = other.create_client(ListParameters, "/n/list_parameters")
-    found = (await listing.call(ListParameters.Request(prefixes=["g"]), 5)).result
+    found = (await listing.call(ListParameters.Request(prefixes=["g"]), 20)).result
     assert (found.names, found.prefixes) == (["g.b"], ["g"])
     change = other.create_client(SetParameters, "/n/set_parameters")
     request = SetParameters.Request(
@@ -120,7 +120,7 @@ async def test_parameter_services_reply_like_rclpy(world: World) -> None:
             ParameterMessage(name="x", value=ValueMessage(type=2)),
         ]
     )
-    results = (await change.call(request, 5)).results
+    results = (await change.call(request, 20)).results
     assert [(r.successful, r.reason) for r in results] == [
         (False, "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"),
         (True, ""),
@@ -133,12 +133,12 @@ async def test_set_parameters_response_is_sent_before_its_event(world: World) ->
     node, other = world.node("n"), world.node("other")
     node.declare_parameter("a", 1)
     events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
-    assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
+    assert await events.wait_for_publishers(20) and await client.wait_for_services(20)
     await until(lambda: entity(node, "/parameter_events").has_subscriptions)
     written: list[str] = []
     record_calls(entity(node, "/parameter_events"), "_write", "event", written)
     record_calls(entity(node, "/set_parameters")._transport_server, "send", "answer", written)
-    assert (await client.set({"a": 2}, 5))[0].successful
+    assert (await client.set({"a": 2}, 20))[0].successful
     await until(lambda: len(written) == 2)
     assert written == ["answer", "event"]
     written.clear()
@@ -194,7 +194,7 @@ async def test_parameter_events_of_another_node_can_be_iterated(world: World) ->
     node, noise, other = world.node("n"), world.node("noise"), world.node("other")
     remote = other.create_parameter_client("/n")
     events, everything = remote.events(), other.parameter_events()
-    await events.wait_for_publishers(5)
+    await events.wait_for_publishers(20)
     await until(lambda: all(entity(one, "/parameter_events").subscription_count == 2 for one in (node, noise)))
     noise.declare_parameter("b", 1)
     node.declare_parameter("a", 1)
@@ -311,7 +311,7 @@ async def test_bytes_of_set_parameters_and_its_event_match_ros(dds: World) -> No
     node.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
     sets = 0
     while not (requests and replies and events):  # until all are matched
-        await remote.set({"ab": 7}, 5)
+        await remote.set({"ab": 7}, 20)
         await asyncio.sleep(0.05)
         sets += 1
     assert len(requests) <= sets and len(replies) <= sets

@@ -88,7 +88,7 @@ async def test_parameter_events_and_services_work_while_a_thread_sets(world: Wor
     await subscription.wait_for_publishers(5, count=2)
     await until(lambda: node.count_subscribers("/parameter_events") == 1)
     remote = other.create_parameter_client("/n")
-    assert await remote.wait_for_services(5)
+    assert await remote.wait_for_services(20)
     listener = asyncio.ensure_future(collect(subscription, events))
 
     def work() -> None:
@@ -127,12 +127,12 @@ async def test_remote_sets_and_sets_of_a_thread_do_not_block_each_other(world: W
 
     def wait_for_the_loop(parameters: object) -> None:
         if threading.current_thread() is not threading.main_thread():
-            waited.append(asyncio.run_coroutine_threadsafe(asyncio.sleep(0, 1), loop).result(5))
+            waited.append(asyncio.run_coroutine_threadsafe(asyncio.sleep(0, 1), loop).result(20))
 
     node.add_post_set_callback(wait_for_the_loop)
     worker = asyncio.ensure_future(asyncio.to_thread(lambda: [update_parameters(pair, a=n) for n in range(50)]))
     for number in range(50):
-        assert (await remote.set({"b": number}, 5))[0].successful
+        assert (await remote.set({"b": number}, 20))[0].successful
     await asyncio.wait_for(worker, 10)
     assert (pair.a, pair.b, len(waited)) == (49, 49, 50)
 

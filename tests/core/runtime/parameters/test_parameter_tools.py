@@ -146,11 +146,11 @@ async def test_parameter_services_can_be_served_by_another_node(world: World) ->
     events = asker.parameter_events("/n")
     await remote.wait_for_services(10)
     await events.wait_for_publishers(10)
-    assert await remote.get("a", 5) == 1 and (await remote.describe("a", 5)).description == "served"
-    assert "a" in (await remote.list(timeout_s=5)).names
+    assert await remote.get("a", 20) == 1 and (await remote.describe("a", 20)).description == "served"
+    assert "a" in (await remote.list(timeout_s=20)).names
     publisher = entity(node, "/parameter_events")
     await until(lambda: publisher.has_subscriptions)  # type: ignore[attr-defined]
-    assert [one.successful for one in await remote.set({"a": 3, "fixed": 2}, 5)] == [True, False]
+    assert [one.successful for one in await remote.set({"a": 3, "fixed": 2}, 20)] == [True, False]
     assert node.get_parameter("a") == 3 and (await take(events)).event.changed == (p("a", 3),)
 
 

@@ -128,13 +128,13 @@ async def test_different_types_on_one_topic_are_not_matched(dds: World) -> None:
     text, number = peer.create_publisher(String, "mixed"), peer.create_publisher(Int32, "mixed")
     texts, numbers = node.create_subscription(String, "mixed"), node.create_subscription(Int32, "mixed")
     for publisher in (text, number):
-        assert await publisher.wait_for_subscribers(timeout_s=5)
+        assert await publisher.wait_for_subscribers(timeout_s=20)
     assert (text.subscription_count, number.subscription_count) == (1, 1)
     assert (texts.publisher_count, numbers.publisher_count) == (1, 1)
     text.publish(String(data="a"))
     number.publish(Int32(data=7))
-    assert (await texts.receive(timeout_s=5)).data == "a"
-    assert (await numbers.receive(timeout_s=5)).data == 7
+    assert (await texts.receive(timeout_s=20)).data == "a"
+    assert (await numbers.receive(timeout_s=20)).data == 7
     assert texts.undecodable == numbers.undecodable == 0
 
 
@@ -153,13 +153,13 @@ async def test_endpoints_that_announce_buffer_backends_exchange_messages(
         their_subscription = theirs.create_subscription(UInt8MultiArray, "ours", qos=profile)
     our_publisher = ours.create_publisher(UInt8MultiArray, "ours", profile)
     our_subscription = ours.create_subscription(UInt8MultiArray, "theirs", qos=profile)
-    assert await our_publisher.wait_for_subscribers(5) and await our_subscription.wait_for_publishers(5)
-    assert await their_publisher.wait_for_subscribers(5)
+    assert await our_publisher.wait_for_subscribers(20) and await our_subscription.wait_for_publishers(20)
+    assert await their_publisher.wait_for_subscribers(20)
     for info in (*ours.get_publishers_info_by_topic("theirs"), *ours.get_subscriptions_info_by_topic("ours")):
         assert info.topic_type_hash == type_hash(UInt8MultiArray)
     for publisher, subscription in ((their_publisher, our_subscription), (our_publisher, their_subscription)):
         publisher.publish(UInt8MultiArray(data=[1, 2, 3]))
-        assert list((await subscription.receive(5)).data) == [1, 2, 3]
+        assert list((await subscription.receive(20)).data) == [1, 2, 3]
 
 
 @pytest.mark.every_transport

@@ -87,7 +87,7 @@ def test_three_contexts_on_one_loop_receive_all_messages(dds: World, kind: str) 
     publisher = nodes[0].create_publisher(Int32, "n")
 
     async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5, count=3)
+        await publisher.wait_for_subscribers(timeout_s=20, count=3)
         for number in range(5):
             publisher.publish(Int32(data=number))
             await asyncio.to_thread(publisher.publish, Int32(data=number + 10))
@@ -104,8 +104,8 @@ def test_services_and_discovery_work_on_consecutive_event_loops_of_one_process(d
 
     async def main() -> None:
         service = server.create_service(SetBool, "set", lambda request: SetBool.Response(success=request.data))
-        assert await client.wait_for_service(timeout_s=5)
-        assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
+        assert await client.wait_for_service(timeout_s=20)
+        assert (await client.call(SetBool.Request(data=True), timeout_s=20)).success
         service.close()
         await until(lambda: not client.service_is_available())
 
@@ -121,7 +121,7 @@ def test_samples_received_without_running_loop_are_delivered_by_next_loop(dds: W
     publisher, received = alice.create_publisher(Int32, "n"), numbers(bob)
 
     async def main(number: int) -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
+        await publisher.wait_for_subscribers(timeout_s=20)
         await until(lambda: number == 0 or received)
 
     run_on("asyncio", main(0))
@@ -139,7 +139,7 @@ def test_another_thread_can_close_a_context_of_a_running_loop(dds: World, kind: 
             left, right = dds.context(), dds.context()
             received = numbers(dds.node("right", context=right))
             publisher = dds.node("left", context=left).create_publisher(Int32, "n")
-            await publisher.wait_for_subscribers(timeout_s=5)
+            await publisher.wait_for_subscribers(timeout_s=20)
             publisher.publish(Int32(data=1))
             while not received:
                 await asyncio.sleep(0.01)
@@ -175,7 +175,7 @@ def test_call_sync_works_on_uvloop(dds: World, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(asyncio, "new_event_loop", uvloop.new_event_loop)
     node = dds.node("n")
     node.create_service(SetBool, "set", lambda request: SetBool.Response(success=request.data))
-    assert node.create_client(SetBool, "set").call_sync(SetBool.Request(data=True), timeout_s=5).success
+    assert node.create_client(SetBool, "set").call_sync(SetBool.Request(data=True), timeout_s=20).success
     assert threads() == []
 
 
@@ -185,7 +185,7 @@ def test_call_sync_works_on_uvloop(dds: World, monkeypatch: pytest.MonkeyPatch) 
 async def test_wakeup_of_reader_without_samples_calls_no_callback(dds: World) -> None:
     alice, bob = dds.pair()
     publisher, received = alice.create_publisher(Int32, "n"), numbers(bob)
-    await publisher.wait_for_subscribers(timeout_s=5)
+    await publisher.wait_for_subscribers(timeout_s=20)
     publisher.publish(Int32(data=1))
     await until(lambda: received)
     participant: Any = bob.context._core.participant
@@ -237,7 +237,7 @@ def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
     assert library.dds_set_listener(reader.entity, ct.c_void_p(listener)) == 0
     thread = threading.Thread(target=lambda: publisher.publish(Int32(data=1)))
     thread.start()
-    assert entered.wait(5)
+    assert entered.wait(20)
     subscription.close()
     assert left.is_set()
     thread.join()
@@ -297,7 +297,7 @@ def test_internal_receive_failure_is_logged_and_other_subscriptions_receive(
 
     async def main() -> None:
         for each in (to_broken, publisher):
-            await each.wait_for_subscribers(timeout_s=5)
+            await each.wait_for_subscribers(timeout_s=20)
         to_broken.publish(Int32())
         publisher.publish(Int32(data=1))
         await until(lambda: received == [1])
@@ -324,7 +324,7 @@ def test_callback_error_is_logged_and_next_message_is_delivered(
     publisher = alice.create_publisher(Int32, "n")
 
     async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
+        await publisher.wait_for_subscribers(timeout_s=20)
         for number in range(2):
             publisher.publish(Int32(data=number))
         await until(lambda: received == [1])
@@ -346,7 +346,7 @@ def test_ctrl_c_in_a_callback_stops_the_loop(world: World, kind: str) -> None:
     publisher = alice.create_publisher(Int32, "n")
 
     async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
+        await publisher.wait_for_subscribers(timeout_s=20)
         publisher.publish(Int32(data=1))
         await asyncio.Event().wait()
 
@@ -403,7 +403,7 @@ def test_permanently_ready_descriptor_does_not_delay_dds(dds: World, kind: str) 
         polled += 1
 
     async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
+        await publisher.wait_for_subscribers(timeout_s=20)
         loop = asyncio.get_running_loop()
         if kind != "no readers":
             loop.add_reader(read_end, poll)
@@ -441,7 +441,7 @@ def test_flood_of_samples_does_not_starve_timers_and_sockets(dds: World, kind: s
             note(message)
 
     async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
+        await publisher.wait_for_subscribers(timeout_s=20)
         receiving = asyncio.create_task(receive()) if style == "receive" else None
         ours, theirs = socket.socketpair()
         with ours, theirs:

@@ -77,19 +77,19 @@ async def test_humble_format_exchanges_topics_and_services_in_both_directions(ze
     alice.create_service(AddTwoInts, "/ours/add", lambda request: AddTwoInts.Response(sum=request.a * request.b))
     client, inner = alice.create_client(AddTwoInts, "/humble/add"), bob.create_client(AddTwoInts, "/ours/add")
 
-    assert await publisher.wait_for_subscribers(5) and await client.wait_for_service(5)
+    assert await publisher.wait_for_subscribers(20) and await client.wait_for_service(20)
     publisher.publish(String(data="ours"))
     await until(lambda: received == [text_message("ours")])
-    assert (await client.call(AddTwoInts.Request(a=3, b=4), timeout_s=5)).sum == 7
+    assert (await client.call(AddTwoInts.Request(a=3, b=4), timeout_s=20)).sum == 7
     await until(lambda: bool(peer.of_others("MS", "/from/humble") and peer.of_others("SS", "/ours/add")))
     peer_publisher.publish(text_message("theirs"))
-    assert (await subscription.receive(5)).data == "theirs"
+    assert (await subscription.receive(20)).data == "theirs"
     responses = peer.call("/ours/add", ADD, struct.pack("<qq", 3, 4))
     await until(lambda: responses == [struct.pack("<q", 12)])
-    assert await inner_publisher.wait_for_subscribers(5)
+    assert await inner_publisher.wait_for_subscribers(20)
     inner_publisher.publish(String(data="bob"))
-    assert (await subscription.receive(5)).data == "bob"
-    assert (await inner.call(AddTwoInts.Request(a=5, b=6), timeout_s=5)).sum == 30
+    assert (await subscription.receive(20)).data == "bob"
+    assert (await inner.call(AddTwoInts.Request(a=5, b=6), timeout_s=20)).sum == 30
 
 
 @pytest.mark.usefixtures("humble")
@@ -122,7 +122,7 @@ async def test_humble_peers_do_not_match_without_humble_format_and_are_warned_ab
     await until(lambda: len(peer.of_others("MS", "/chatter")) == 1)
     peer_publisher.publish(text_message("without hash"))
     PlainPublisher(peer, "/chatter", f"std_msgs::msg::dds_::String_/{type_hash(String)}").publish(text_message("hash"))
-    assert (await subscription.receive(5)).data == "hash"
+    assert (await subscription.receive(20)).data == "hash"
 
 
 def test_unknown_zenoh_format_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,13 +152,13 @@ async def test_action_client_works_with_humble_server(zenoh: World, peer: Peer) 
     peer.serve("/count/_action/cancel_goal", CANCEL, cancel)
 
     client = zenoh.node("ours").create_action_client(Fibonacci, "/count")
-    assert await client.wait_for_server(5)
-    goal = await client.send_goal(Fibonacci.Goal(order=7), timeout_s=5)
+    assert await client.wait_for_server(20)
+    goal = await client.send_goal(Fibonacci.Goal(order=7), timeout_s=20)
     received = [list(message.sequence) async for message in goal.feedback()]
-    status, result = await goal.result(5)
+    status, result = await goal.result(20)
     assert (received, status, list(result.sequence)) == ([[7]], GoalStatus.SUCCEEDED, [0, 1, 1])
-    other = await client.send_goal(Fibonacci.Goal(order=8), timeout_s=5)
-    await other.cancel(5)
+    other = await client.send_goal(Fibonacci.Goal(order=8), timeout_s=20)
+    await other.cancel(20)
     assert cancelled == [other.goal_id]
 
 

@@ -86,7 +86,7 @@ async def test_subscription_receives_samples_of_lyrical_publisher(zenoh: World, 
     publisher.publish(bytes_message(4))
     received: list[list[int]] = []
     while not received or received[-1] != [4]:
-        message, info = await subscription.receive_with_info(5)
+        message, info = await subscription.receive_with_info(20)
         assert info.publisher_gid == publisher.gid
         received.append(list(message.data))
     assert received[-3:] == [[1, 2], [3], [4]] and received[:-3] in ([], [[0]])
@@ -133,14 +133,14 @@ async def test_byte_messages_of_jazzy_and_own_publishers_arrive_once(zenoh: Worl
         bob.create_publisher(UInt8MultiArray, "/bytes"),
         PlainPublisher(peer, "/bytes", BYTES),
     )
-    assert await own_publisher.wait_for_subscribers(5)
+    assert await own_publisher.wait_for_subscribers(20)
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1 and alice.count_publishers("/bytes") == 2)
     for number in range(3):
         own_publisher.publish(UInt8MultiArray(data=[number]))
-    assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
+    assert [list((await subscription.receive(20)).data) for _ in range(3)] == [[0], [1], [2]]
     for number in range(3):
         peer_publisher.publish(bytes_message(number))
-    assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
+    assert [list((await subscription.receive(20)).data) for _ in range(3)] == [[0], [1], [2]]
 
 
 async def test_own_publisher_reaches_lyrical_subscription(zenoh: World, peer: Peer) -> None:
@@ -149,7 +149,7 @@ async def test_own_publisher_reaches_lyrical_subscription(zenoh: World, peer: Pe
         peer.listen(key, received)
     peer.tell("MS", "/bytes", BYTES, f"{PLAIN}/backends:cpu:")
     publisher = zenoh.node("ours").create_publisher(UInt8MultiArray, "/bytes")
-    assert await publisher.wait_for_subscribers(5)
+    assert await publisher.wait_for_subscribers(20)
     publisher.publish(UInt8MultiArray(data=[1]))
     publisher.publish(UInt8MultiArray(data=[2]))
     await until(lambda: len(received) >= 2)

@@ -52,7 +52,7 @@ def pair(zenoh: World) -> Pair:
 
 
 async def test_timed_out_and_cancelled_calls_leave_no_query(pair: Pair) -> None:
-    assert await pair.client.wait_for_service(5)
+    assert await pair.client.wait_for_service(20)
     with pytest.raises(CallTimeoutError):
         await pair.call(0.2)
     assert not pair.replies.in_flight
@@ -154,7 +154,7 @@ async def test_response_without_content_raises_decode_error_and_without_header_s
 
 
 async def test_request_without_header_is_not_retained(pair: Pair) -> None:
-    assert await pair.client.wait_for_service(5)
+    assert await pair.client.wait_for_service(20)
     for data in (b"", b"x", b"\0\1\0"):
         pair.session.get(pair.key, payload=data, attachment=pack_attachment(1, 1, GID))
     pair.session.get(pair.key, payload=bytes((0, 1)) + bytes(18), attachment=pack_attachment(2, 1, GID))
@@ -167,7 +167,7 @@ async def test_oldest_unanswered_requests_are_dropped_above_the_limit(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, limit: str, value: int
 ) -> None:
     monkeypatch.setattr(services, limit, value)
-    assert await pair.client.wait_for_service(5)
+    assert await pair.client.wait_for_service(20)
     for _ in range(2):  # answered and dropped requests no longer count
         calls = [pair.call() for _ in range(4)]
         requests = [await anext(pair.server) for _ in range(4)]
@@ -211,7 +211,7 @@ async def test_samples_without_valid_attachment_are_dropped_with_a_warning(
         (data, pack_attachment(2, 1, GID)),
     ):
         await asyncio.to_thread(session.put, key, payload, attachment=attachment)
-    assert (await subscription.receive(5)).data == "x"
+    assert (await subscription.receive(20)).data == "x"
     assert len(subscription._items) == 0
     threads = {record.thread for record in caplog.records if "found none" in record.getMessage()}
     assert threads == {threading.get_ident()}  # the loop's

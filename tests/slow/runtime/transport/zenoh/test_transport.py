@@ -30,7 +30,7 @@ def run_program(text: str) -> tuple[int, str, str]:
     """Run a program to its end; return its code, output and errors."""
     path = os.pathsep.join((str(ROOT), *(entry for entry in sys.path if "runtime-tests-" in entry)))
     with running_process(sys.executable, "-c", text, **zenoh_environment(), PYTHONPATH=path) as process:
-        output, errors = process.communicate(timeout=30)
+        output, errors = process.communicate(timeout=60)
     return process.returncode, output, errors
 
 
@@ -132,10 +132,10 @@ async def test_service_and_action_types_of_peers_are_resolved_by_their_own_hash(
     robot.create_action_server(go, "go", lambda goal: None)
     found = await asker.resolve_service_type("ask", timeout_s=10)
     assert type_hash(found) == type_hash(ask)
-    response = await asker.create_client(found, "ask").call(found.Request(question="four"), timeout_s=5)
+    response = await asker.create_client(found, "ask").call(found.Request(question="four"), timeout_s=20)
     assert response.answer == 4
     assert type_hash(await asker.resolve_action_type("go", timeout_s=10)) == type_hash(go)
-    description = await asker.get_type_description("/alice", "robot_msgs/srv/Ask", timeout_s=5)
+    description = await asker.get_type_description("/alice", "robot_msgs/srv/Ask", timeout_s=20)
     assert description.type_description.type_description.type_name == "robot_msgs/srv/Ask"
 
 
@@ -149,7 +149,7 @@ async def test_endpoints_start_no_threads(zenoh: World) -> None:
         alice.create_subscription(String, f"t{number}", lambda message: None)
         alice.create_service(AddTwoInts, f"s{number}", lambda request: AddTwoInts.Response())
     client = bob.create_client(AddTwoInts, "s3")
-    await client.call(AddTwoInts.Request(), timeout_s=5)
+    await client.call(AddTwoInts.Request(), timeout_s=20)
     assert threading.active_count() == before
 
 
@@ -204,9 +204,9 @@ async def test_endpoints_of_any_qos_exchange_messages(zenoh: World) -> None:
     alice, bob = zenoh.pair()
     best_effort = alice.create_publisher(String, "t", qos=QoSProfile().best_effort())
     subscription = bob.create_subscription(String, "t", qos=QoSProfile().reliable().transient_local().deadline(1))
-    assert await best_effort.wait_for_subscribers(5) and await subscription.wait_for_publishers(5)
+    assert await best_effort.wait_for_subscribers(20) and await subscription.wait_for_publishers(20)
     best_effort.publish(String(data="arrives"))
-    assert (await subscription.receive(5)).data == "arrives"
+    assert (await subscription.receive(20)).data == "arrives"
 
 
 def test_test_router_and_contexts_are_restricted_to_loopback() -> None:
