@@ -91,8 +91,8 @@ def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
         return {}
     individuals = individual_descriptions(description)
     replaced: dict[str, dict[str, Description]] = {distro: {} for distro in DISTRIBUTIONS}
-    for type_name, own in individuals.items():
-        for definition in distribution_definitions(type_name):
+    for name, own in individuals.items():
+        for definition in distribution_definitions(name):
             found = type_description(definition.load())
             if _fields(found["type_description"]) != _fields(own):
                 for distro in definition.distributions:
