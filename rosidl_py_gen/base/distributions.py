@@ -23,9 +23,6 @@ DEFAULT = "jazzy"
 """Distribution that is used without a selection. Its definitions are stored in full, other distributions as
 differences."""
 ENVIRONMENT_VARIABLE = "ROS_DISTRO"
-_BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
-"""Distribution by distribution name: the stored definitions of the key are differences from the definitions of the
-value."""
 _SAME_AS = {"rolling": "lyrical"}
 NAMES = (*DISTRIBUTIONS, *_SAME_AS)
 """Names with which users can select a distribution."""
@@ -111,17 +108,6 @@ def distribution_of_command(distro: str) -> Iterator[None]:
         yield
     finally:
         del _command_selections[len(_command_selections) - 1 - _command_selections[::-1].index(name)]
-
-
-def layers(distro: str) -> list[str]:
-    """Return the distributions whose stored differences, applied in this order to the default definitions, give a
-    distribution's definitions.
-    """
-    found: list[str] = []
-    while distro != DEFAULT:
-        found.insert(0, distro)
-        distro = _BASES[distro]
-    return found
 
 
 def _find(name: str) -> str | None:

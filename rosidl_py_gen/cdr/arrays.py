@@ -84,14 +84,14 @@ def coerce(value: object, code: str) -> Array:
             raise FieldValueError(f"expected a buffer of numbers, found {short_repr(value)} ({error})") from error
     if isinstance(value, np.ndarray):
         if value.dtype.kind != "O":
-            return cast(value, code)
+            return cast_array(value, code)
         value = value.tolist()
     if isinstance(value, (str, dict)) or not isinstance(value, Sequence):
         raise FieldValueError(f"expected a sequence of {DTYPES[code].name}, found {short_repr(value)}")
     return _pack(value, code)
 
 
-def cast(value: Array, code: str) -> Array:
+def cast_array(value: Array, code: str) -> Array:
     """Convert a one-dimensional numpy array of numbers to a contiguous array of the dtype that is encoded.
 
     Raises `FieldValueError` if the array's type or a number does not fit.

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, cast
+from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, cast_array
 from rosidl_py_gen.cdr.layout import HEADER, HEADER_BYTES, align_offset, align_up
 from rosidl_py_gen.cdr.structured_layout import (
     alignments,
@@ -319,7 +319,7 @@ def _field_list(names: Sequence[str]) -> str:
 
 def _assign_numbers(target: Array, source: Array, prefix: str) -> None:
     try:
-        target[...] = cast(source.ravel(), _code(target.dtype)).reshape(target.shape)
+        target[...] = cast_array(source.ravel(), _code(target.dtype)).reshape(target.shape)
     except FieldValueError as error:
         index = None if error.index is None else error.index // (target.size // len(target))
         raise FieldValueError(prefix + error.reason, index) from None

@@ -13,7 +13,7 @@ Source: docs/internals/protocol.md 2.2.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeAlias, TypeVar, cast
 
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.cdr.message import Field, Message
 
-    MessageClass = type[Message]
-
+MessageClass: TypeAlias = "type[Message]"
 P = ParamSpec("P")
 R = TypeVar("R")
 

@@ -16,7 +16,10 @@ import re
 import sys
 import threading
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from itertools import pairwise
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
@@ -24,16 +27,17 @@ from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, select
 from rosidl_py_gen.base.generated_classes import (
     MSGS_PACKAGE,
     PREGENERATED_PACKAGE,
-    find_installed_class,
     has_installed_ros_packages,
+    is_generated,
 )
-from rosidl_py_gen.base.names import RosName, split_ros_name
-from rosidl_py_gen.cdr.message import Action, Message, Service
+from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
+from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError, display_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from importlib.machinery import ModuleSpec
 
     from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
@@ -330,6 +334,43 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
     return cls
 
 
+def find_installed_class(name: RosName, *roots: str) -> type | None:
+    """Return the importable generated class of an interface; None if there is none.
+
+    Only generated packages are imported: an import runs code, and names may be from files and networks.
+
+    Args:
+        name: name of the interface.
+        roots: import prefixes in order; by default packages of the user, then `rosidl_py_gen.msgs`.
+    """
+    for root in roots or ("", MSGS_PACKAGE):
+        # The import hook can add modules to a package; only generated files count here.
+        if not (
+            _is_generated_package(root + name.package) and _is_generated_package(f"{root}{name.package}.{name.kind}")
+        ):
+            continue
+        try:
+            package = import_module(f"{root}{name.package}.{name.kind}")
+            cls = getattr(package, py_name(name.name), None)
+        except ImportError:
+            continue
+        if isinstance(cls, type) and getattr(getattr(cls, "_TYPE", None), "name", "") == str(name):
+            return cls
+    return None
+
+
+def _is_generated_package(package: str) -> bool:
+    loaded = sys.modules.get(package)
+    try:
+        spec: ModuleSpec | None = loaded.__spec__ if loaded is not None else find_spec(package)
+    except (ImportError, ValueError, AttributeError):
+        return False
+    origin = spec.origin if spec is not None else None
+    if origin is None or not origin.endswith("__init__.py"):
+        return False
+    return is_generated(Path(origin))
+
+
 def _import_class(name: RosName) -> None:
     """Import the generated class of a type from the user's packages, if any. Lock: _lock should not be held."""
     find_installed_class(name, "")
@@ -448,10 +489,10 @@ def load_compiler() -> None:
 
     import numpy  # noqa: F401
 
-    from rosidl_py_gen.compiler.codegen import module_sources
-    from rosidl_py_gen.compiler.frontend import registry, search_path  # noqa: F401
+    from rosidl_py_gen.compiler.codegen.module_sources import preload
+    from rosidl_py_gen.compiler.frontend.registry import read_checked  # noqa: F401
 
-    module_sources.preload()
+    preload()
 
 
 def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:

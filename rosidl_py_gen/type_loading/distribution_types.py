@@ -11,14 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import full_description, individual_descriptions, rihs01
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.generated_classes import find_installed_class
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.cdr.structured_layout import cached_per_class
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DecodeError, EncodeError
-from rosidl_py_gen.type_loading.class_lookup import distribution_definitions, find_class, find_named_class
+from rosidl_py_gen.type_loading.class_lookup import (
+    distribution_definitions,
+    find_class,
+    find_installed_class,
+    find_named_class,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -87,8 +91,8 @@ def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
         return {}
     individuals = individual_descriptions(description)
     replaced: dict[str, dict[str, Description]] = {distro: {} for distro in DISTRIBUTIONS}
-    for type_name, own in individuals.items():
-        for definition in distribution_definitions(type_name):
+    for name, own in individuals.items():
+        for definition in distribution_definitions(name):
             found = type_description(definition.load())
             if _fields(found["type_description"]) != _fields(own):
                 for distro in definition.distributions:

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import individual_descriptions
-from rosidl_py_gen.base.generated_classes import find_installed_class, is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_description, type_name
 from rosidl_py_gen.errors import InvalidNameError, TypeNotFoundError, display_path
-from rosidl_py_gen.type_loading.class_lookup import class_of_registry, registry_of
+from rosidl_py_gen.type_loading.class_lookup import class_of_registry, find_installed_class, registry_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.cdr import Message
 
-    Converter = Callable[[Any], Any]
-
+Converter: TypeAlias = "Callable[[Any], Any]"
 Types = Mapping[str, Sequence[tuple[str, "FieldType"]]]
 """Dictionary from the full name of a message to the names and types of its fields."""
 

@@ -11,11 +11,14 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, layers
+from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
+_BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
+"""Distribution by distribution name: the stored definitions of the key are differences from the definitions of the
+value."""
 _NEEDED = frozenset(package for packages in IMPLIED.values() for package in packages)
 """Packages that services and actions need in every distribution, because the classes of service events refer to
 `service_msgs`."""
@@ -52,7 +55,7 @@ def bundled_packages(distro: str) -> dict[str, BundledFiles]:
     """
     top = interfaces_dir()
     packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
-    for layer in layers(distro):
+    for layer in _layers(distro):
         difference = _difference(layer)
         absent_names = difference.absent
         for name in absent_names - _NEEDED:
@@ -72,7 +75,7 @@ def bundled_packages(distro: str) -> dict[str, BundledFiles]:
 
 def is_absent(name: RosName, distro: str) -> bool:
     """Return True for an interface that `bundled_packages` returns although the distribution lacks its package."""
-    return any(name.package in _difference(layer).absent for layer in layers(distro))
+    return any(name.package in _difference(layer).absent for layer in _layers(distro))
 
 
 @cache
@@ -114,6 +117,17 @@ def files_below(package: str, folder: Path) -> dict[RosName, Path]:
     return {
         RosName(package, kind, path.stem): path for kind in KINDS for path in sorted((folder / kind).glob(f"*.{kind}"))
     }
+
+
+def _layers(distro: str) -> list[str]:
+    """Return the distributions whose stored differences, applied in this order to the default definitions, give a
+    distribution's definitions.
+    """
+    found: list[str] = []
+    while distro != DEFAULT:
+        found.insert(0, distro)
+        distro = _BASES[distro]
+    return found
 
 
 @cache
