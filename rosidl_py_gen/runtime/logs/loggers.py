@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 import traceback
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, TypeAlias, TypedDict
 
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.errors import RosidlError
@@ -22,15 +22,14 @@ from rosidl_py_gen.runtime.names.validation import validate_node_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from types import TracebackType
-    from typing import TypeAlias
 
     from typing_extensions import Unpack
 
-    ExcInfo: TypeAlias = (
-        "bool | BaseException | tuple[type[BaseException], BaseException, TracebackType | None]"
-        " | tuple[None, None, None] | None"
-    )
-    Publish: TypeAlias = Callable[[logging.LogRecord], None]
+ExcInfo: TypeAlias = (
+    "bool | BaseException | tuple[type[BaseException], BaseException, TracebackType | None]"
+    " | tuple[None, None, None] | None"
+)
+Publish: TypeAlias = "Callable[[logging.LogRecord], None]"
 
 UNSET, DEBUG, INFO, WARN, ERROR, FATAL = 0, 10, 20, 30, 40, 50
 LEVEL_NAMES = {UNSET: "UNSET", DEBUG: "DEBUG", INFO: "INFO", WARN: "WARN", ERROR: "ERROR", FATAL: "FATAL"}

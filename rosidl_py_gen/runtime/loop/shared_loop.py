@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypeVarTuple, Unpack
 
-    Ts = TypeVarTuple("Ts")
-
 T = TypeVar("T")
 
 MAX_BLOCKING_S = 0.1 if sys.platform == "win32" else 1.0
@@ -541,6 +539,9 @@ class SharedLoop:
 
 class SharedEventLoop(_Loop):
     """Event loop of a `SharedLoop`, which sets `has_new_callbacks` whenever a callback or timer is added."""
+
+    if TYPE_CHECKING:
+        Ts = TypeVarTuple("Ts")
 
     def __init__(self, shared: SharedLoop) -> None:
         self.has_new_callbacks = False

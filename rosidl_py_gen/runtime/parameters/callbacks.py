@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.callbacks import Registration
 
-    Commit: TypeAlias = Callable[[], None]
-
+Commit: TypeAlias = "Callable[[], None]"
 ACCEPTED = SetResult(True)
 
 

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.transport import qos as presets
 from rosidl_py_gen.runtime.transport.qos import (
+    BEST_AVAILABLE,
+    DEFAULT,
     INFINITE_NS,
+    SENSOR_DATA,
+    SERVICES_DEFAULT,
     UNSPECIFIED_NS,
     Durability,
     Liveliness,
@@ -182,6 +185,15 @@ def _value_text(value: IntEnum | int) -> str:
     return "none" if value in (UNSPECIFIED_NS, INFINITE_NS) else f"{value / NS_PER_S:g} s"
 
 
+_PRESETS = {
+    "DEFAULT": DEFAULT,
+    "SENSOR_DATA": SENSOR_DATA,
+    "SERVICES_DEFAULT": SERVICES_DEFAULT,
+    "BEST_AVAILABLE": BEST_AVAILABLE,
+}
+"""Presets that errors recommend, by their names in `rosidl_py_gen.runtime.qos`."""
+
+
 def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile], is_service: bool = False) -> str:
     """Return the name of a QoS preset that is compatible with the profiles of all `peers`; empty if none is.
 
@@ -191,7 +203,7 @@ def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]
     if qos.reliability is Reliability.BEST_EFFORT:
         names.reverse()
     for name in ["SERVICES_DEFAULT"] if is_service else [*names, "BEST_AVAILABLE"]:
-        preset = resolve_best_available(getattr(presets, name), publisher=publisher, peers=peers)
+        preset = resolve_best_available(_PRESETS[name], publisher=publisher, peers=peers)
         pairs = ((preset, peer) if publisher else (peer, preset) for peer in peers)
         if all(check_compatible(offer, request).matches for offer, request in pairs):
             return name
@@ -224,7 +236,7 @@ def _all_of_some(values: list[bool]) -> bool:
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:
     """Replace BEST_AVAILABLE policies by policies of `SERVICES_DEFAULT`, for a client or server of a service."""
-    return _replace_best_available(profile, presets.SERVICES_DEFAULT)
+    return _replace_best_available(profile, SERVICES_DEFAULT)
 
 
 def _best_duration(publisher: bool, peers_ns: Sequence[int]) -> int:
@@ -236,7 +248,7 @@ def _best_duration(publisher: bool, peers_ns: Sequence[int]) -> int:
 
 def _replace_best_available(profile: QoSProfile, best: QoSProfile) -> QoSProfile:
     names = ("reliability", "durability", "deadline_ns", "liveliness", "liveliness_lease_ns")
-    replaced = [name for name in names if getattr(profile, name) == getattr(presets.BEST_AVAILABLE, name)]
+    replaced = [name for name in names if getattr(profile, name) == getattr(BEST_AVAILABLE, name)]
     return replace(profile, **{name: getattr(best, name) for name in replaced})
 
 
