@@ -20,7 +20,7 @@ from support.waiting import until
 
 from rosidl_py_gen import get_action, get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.graph import svg as graph_svg
 from rosidl_py_gen.ros_cli.graph import text as graph_text
 from rosidl_py_gen.ros_cli.graph.text import Edge, Picture
@@ -374,7 +374,7 @@ def test_tf_tree_escapes_frame_names_in_every_format(tmp_path: Path) -> None:
     form = rf'  f\d+(?:\["{label}"\]| -->\|"{label}"\| f\d+)'
     assert first == "flowchart TD" and [line for line in lines if not re.fullmatch(form, line)] == []
     assert tree.document(frames, {"peer": EVIL_FRAME})["frames"][0]["frame"] == EVIL_FRAME
-    png.write(frames, {"peer": EVIL_FRAME}, tmp_path / "evil.png")
+    png.write_picture(frames, {"peer": EVIL_FRAME}, tmp_path / "evil.png")
 
 
 @pytest.mark.slow
@@ -382,12 +382,12 @@ def test_very_deep_and_very_wide_trees_have_limited_output(tmp_path: Path) -> No
     deep = frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(3000)])
     shown = [line for line, _ in tree.lines(deep, {})]
     assert len(shown) == 3001 and max(map(len, shown)) < 250
-    png.write(
+    png.write_picture(
         frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png"
     )
     wide = frame_statistics([moved("map", f"child{number}") for number in range(3000)])
     with pytest.raises(CommandError, match=r"3001 frames need a picture of .* pixels; --format mermaid"):
-        png.write(wide, {}, tmp_path / "wide.png")
+        png.write_picture(wide, {}, tmp_path / "wide.png")
 
 
 @pytest.mark.slow
