@@ -74,14 +74,15 @@ async def graph(
     kind = options.output_format("svg", kind, as_json, output)
     await command_node.wait_for_node_names()
     picture = _filtered(_picture(command_node, everything), nodes, topics)
-    from rosidl_py_gen.ros_cli.graph import svg, text
+    from rosidl_py_gen.ros_cli.graph.svg import svg_picture
+    from rosidl_py_gen.ros_cli.graph.text import graph_document, mermaid_text, text_lines
 
     draw = {
-        "svg": lambda: svg.svg(picture),
-        "mermaid": lambda: text.mermaid(picture),
-        "json": lambda: json_text(text.document(picture), indent=2),
+        "svg": lambda: svg_picture(picture),
+        "mermaid": lambda: mermaid_text(picture),
+        "json": lambda: json_text(graph_document(picture), indent=2),
     }
-    await asyncio.to_thread(terminal_output.drawing, kind, output, text.lines(picture), draw)
+    await asyncio.to_thread(terminal_output.drawing, kind, output, text_lines(picture), draw)
     if output is not None:
         terminal_output.note(f"wrote {output}: {pluralize(len(picture.nodes), 'node')}")
 

@@ -51,7 +51,7 @@ class _NodeBox:
     width: float = 0
 
 
-def svg(picture: Picture) -> str:
+def svg_picture(picture: Picture) -> str:
     """Return the SVG file of a graph as text."""
     layouts = [
         _ColumnLayout(
