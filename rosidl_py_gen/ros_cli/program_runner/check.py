@@ -145,7 +145,8 @@ class _OwnModules:
         """
         if os.name == "nt":
             return {}
-        from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan  # slow to import, and rarely needed
+        # Slow to import, and rarely needed.
+        from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan
 
         found: dict[str, Path] = {}
         for package, folder in self._packages().items():

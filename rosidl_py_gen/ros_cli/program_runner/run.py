@@ -80,7 +80,8 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
     built = []
 
     def build() -> list[str]:
-        from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix  # slow to import
+        # Slow to import.
+        from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix
 
         for place in sys.path:
             note(place)
@@ -153,7 +154,8 @@ def _packages(paths: Sequence[str], place: Path) -> dict[str, Path]:
 
 
 def _run_setup_py(folder: Path, why: str) -> SetupArguments:
-    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py  # slow to import, and rarely needed
+    # Slow to import, and rarely needed.
+    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
 
     return run_setup_py(folder, why)
 

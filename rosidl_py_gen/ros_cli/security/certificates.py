@@ -7,7 +7,7 @@ Source: DDS Security 1.1, 9.3.1 and 9.4.1.
 from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias, Any
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
@@ -20,10 +20,8 @@ from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from typing import TypeAlias
 
-    PrivateKey: TypeAlias = "ec.EllipticCurvePrivateKey | rsa.RSAPrivateKey"
-
+PrivateKey: TypeAlias = "ec.EllipticCurvePrivateKey | rsa.RSAPrivateKey"
 CA_NAME = "sros2CA"
 """Common name of the certificate authority in a keystore, as in keystores of ROS."""
 VALIDITY = timedelta(days=3650)
