@@ -27,8 +27,9 @@ from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import BROKEN_PIPE, command_interrupts
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.resources import missing_extra_message
-from rosidl_py_gen.base.terminal_text import printable_line, printable_lines
+from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
+from rosidl_py_gen.ros_cli.command_support import report
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -38,10 +39,6 @@ if TYPE_CHECKING:
 
 DAMAGED = 3
 """Exit code of a command that skipped damaged parts of a recording."""
-
-
-class CommandError(RosidlError):
-    """Raised if a command cannot do what the user requests; the text has the reason and the fix."""
 
 
 @cache
@@ -82,7 +79,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
     def run(**arguments: Any) -> None:
         context: AbstractContextManager[None] = nullcontext()
         if "network" in arguments and arguments.get("bag") is None:
-            context = import_module(f"{__name__}.command_node").context_opened_early(arguments["network"])
+            context = import_module("rosidl_py_gen.ros_cli.command_node").context_opened_early(arguments["network"])
         try:
             with context:
                 result = function(**arguments)
@@ -137,7 +134,8 @@ def main(arguments: list[str] | None = None) -> None:
     with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
         if words[:1] == ["run"] and words[1:2] and not words[1].startswith("-"):
-            start = import_module(f"{__name__}.program_runner.run").start  # without the options, click is not needed
+            # without the options, click is not needed
+            start = import_module("rosidl_py_gen.ros_cli.program_runner.run").start
             result = start(words[1:], with_project_path(()), False, False, False)
         else:
             result = root().main(arguments, prog_name="rosidl-py", standalone_mode=False)
@@ -200,14 +198,3 @@ def exit_on_error() -> Iterator[None]:
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
     """Print a Python warning on standard error without its location in the code."""
     click_module().echo(f"warning: {printable(str(message))}", err=True)
-
-
-def report(text: str) -> None:
-    """Print an error on standard error: on one line, or with the source line and caret that `text` contains.
-
-    As the text may contain names of peers, line breaks are escaped and control characters replaced.
-    """
-    head, *rest = text.split("\n    ")
-    has_caret = len(rest) == 2 and rest[1].strip() == "^"
-    lines = "\n    ".join(map(printable, (head, *rest))) if has_caret else printable_line(text)
-    click_module().secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

@@ -126,7 +126,7 @@ def _names(what: str, context: click.Context) -> list[str]:
 
         return known_names(_KINDS[what], paths)
     if what in ("workspace packages", "launch files"):
-        from rosidl_py_gen.ros_cli.program_runner.run import workspaces
+        from rosidl_py_gen.ros_cli.prefix.workspaces import workspaces
 
         folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
         if what == "workspace packages":

@@ -8,7 +8,6 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime import validate_full_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -63,6 +62,8 @@ def is_hidden_node(name: str) -> bool:
 
 def has_server(node: Node, service: str) -> bool:
     """Return True if a service has a server; False for a name that ROS does not allow, which DDS programs may use."""
+    from rosidl_py_gen.runtime import validate_full_name  # most functions of this module need no node
+
     try:
         validate_full_name(service)
     except InvalidNameError:

@@ -16,7 +16,8 @@ import click
 
 from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
 from rosidl_py_gen.generator_cli.distro_option import distro
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -155,6 +156,19 @@ def _into_network(ctx: click.Context, param: click.Parameter, value: Any) -> Non
 
 
 _network_option = partial(click.option, expose_value=False, callback=_into_network)
+plot_options = all_of(
+    click.option(
+        "-o",
+        "--out",
+        type=click.Path(dir_okay=False),
+        metavar="FILE",
+        help="Write a file; its ending selects the format: .png, .svg, .pdf, ...",
+    ),
+    click.option("--terminal", "in_terminal", is_flag=True, help="Draw in the terminal, even if windows can open."),
+    click.option("--stamp", "by_stamp", is_flag=True, help="Time of header.stamp, instead of the time of receipt."),
+    click.option("--wall-clock", is_flag=True, help="Local date and time on the time axis, instead of seconds."),
+)
+"""Options that ``bag plot`` and ``topic plot`` share."""
 node_options = all_of(
     _network_option(
         "--domain",

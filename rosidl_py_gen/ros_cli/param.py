@@ -16,7 +16,8 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import printable_line
-from rosidl_py_gen.ros_cli import CommandError, options, report, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError, report
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Sequence

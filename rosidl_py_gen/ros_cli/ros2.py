@@ -11,7 +11,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
+from rosidl_py_gen.ros_cli import exit_on_error, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 _PACKAGES = Path("share", "ament_index", "resource_index", "packages")
 

@@ -13,7 +13,7 @@ from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.type_loading.class_lookup import load_compiler
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
 from rosidl_py_gen.cdr.arrays import DTYPES
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Field, Message

@@ -10,7 +10,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.terminal_output import StatusLine
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.bag.display import ProgressBar
-from rosidl_py_gen.ros_cli.bag.selection import select_part
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,6 +31,8 @@ class ImageMessages:
     """
 
     def __init__(self, reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> None:
+        from rosidl_py_gen.ros_cli.bag.selection import select_part
+
         self._reader = reader
         self._part = select_part(reader, topics, offset_s, duration_s)
         self.topics = sorted({one.name for one in reader.channels if one.type_name in _KINDS} & {*self._part.topics})
@@ -70,6 +71,8 @@ class ImageMessages:
         return times
 
     def __iter__(self) -> Iterator[BagMessage]:
+        from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+
         part, channels = self._part, self._reader.channels
         total = sum(one.count or 0 for one in channels if one.name in self.topics) * part.part_of(self._reader)
         messages = self._reader.messages(self.topics, start_ns=part.start_ns, end_ns=part.end_ns, on_error="skip")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from contextlib import ExitStack
-from decimal import Decimal
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -119,6 +118,8 @@ def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
             hint = did_you_mean(bag, bags)
             raise click.UsageError(f"--offset {text}: expected BAG=SECONDS with a bag of the arguments{hint}")
         try:
+            from decimal import Decimal  # slow to import
+
             number = Decimal(seconds)
             if not abs(number) < _MAX_OFFSET_S:
                 raise ValueError

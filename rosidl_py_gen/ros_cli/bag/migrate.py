@@ -16,7 +16,8 @@ import click
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, verb
-from rosidl_py_gen.ros_cli.plotting.output import plot_options, require_output, show_plot
+from rosidl_py_gen.ros_cli import DAMAGED, options, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.ros_cli.plotting.output import require_output, show_plot
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 )
 @options.start_offset
 @options.duration
-@plot_options
+@options.plot_options
 @options.skip_damaged
 @options.paths
 @verb

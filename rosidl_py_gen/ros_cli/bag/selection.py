@@ -13,8 +13,9 @@ from rosidl_py_gen.bags.definition_lookup import described, has_definition, mism
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic

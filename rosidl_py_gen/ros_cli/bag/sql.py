@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.tables.query import Result

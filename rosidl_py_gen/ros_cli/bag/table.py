@@ -9,7 +9,8 @@ import click
 
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import DAMAGED, options, report, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.command_support import report
 
 if TYPE_CHECKING:
     from rosidl_py_gen.tables import DatasetsReport

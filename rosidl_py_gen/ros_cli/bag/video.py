@@ -13,7 +13,8 @@ import click
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

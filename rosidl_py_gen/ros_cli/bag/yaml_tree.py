@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias
 import yaml
 
 from rosidl_py_gen.base.yaml_text import UNTAGGED, YamlError, compose_yaml
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

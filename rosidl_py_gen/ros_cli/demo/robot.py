@@ -12,6 +12,7 @@ import numpy as np
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.ros_cli.demo import camera
+from rosidl_py_gen.ros_cli.demo.camera import Header
 from rosidl_py_gen.ros_cli.demo.world import Body, World, along_arc
 from rosidl_py_gen.runtime import GoalResult, Node, Range, ServerGoal
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 BatteryState: Any = get_message("sensor_msgs/msg/BatteryState")
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
-Header: Any = get_message("std_msgs/msg/Header")
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 LaserScan: Any = get_message("sensor_msgs/msg/LaserScan")
 Odometry: Any = get_message("nav_msgs/msg/Odometry")

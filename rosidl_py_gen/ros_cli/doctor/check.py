@@ -44,18 +44,18 @@ async def doctor(network: options.NetworkOptions, report: bool, paths: tuple[str
         if not as_json:
             _print(name, sections[name], as_report=report)
 
-    from rosidl_py_gen.ros_cli.doctor import machine
+    from rosidl_py_gen.ros_cli.doctor.machine import interfaces, libraries, python, settings
 
     requested = network.get("domain_id"), network.get("discovery")
     add_section(
         "installation",
         [
-            *run_check("Python", machine.python),
-            *run_check("installed packages", machine.libraries),
-            *run_check("interface packages", lambda: machine.interfaces(paths)),
+            *run_check("Python", python),
+            *run_check("installed packages", libraries),
+            *run_check("interface packages", lambda: interfaces(paths)),
         ],
     )
-    add_section("settings", run_check("the environment", lambda: machine.settings(os.environ, *requested)))
+    add_section("settings", run_check("the environment", lambda: settings(os.environ, *requested)))
     add_section("network", _network(network))
     add_section("peers", await _peers(network))
     is_broken = any(one.level == BROKEN for findings in sections.values() for one in findings)
@@ -66,22 +66,20 @@ async def doctor(network: options.NetworkOptions, report: bool, paths: tuple[str
 
 
 def _network(network: options.NetworkOptions) -> list[Finding]:
-    from rosidl_py_gen.ros_cli.doctor import machine
-    from rosidl_py_gen.ros_cli.doctor import network as network_checks
+    from rosidl_py_gen.ros_cli.doctor.machine import socket_buffers, uses_zenoh
+    from rosidl_py_gen.ros_cli.doctor.network import check_interfaces, network_interfaces, other_domains
     from rosidl_py_gen.runtime import read_environment
 
-    if machine.uses_zenoh(os.environ):
+    if uses_zenoh(os.environ):
         return []
     try:
         settings = read_environment(os.environ, domain_id=network.get("domain_id"), discovery=network.get("discovery"))
     except RosidlError:  # already a finding of the settings
         settings = None
     return [
-        *run_check(
-            "network interfaces", lambda: network_checks.check_interfaces(network_checks.interfaces(), settings)
-        ),
-        *run_check("socket buffers", machine.socket_buffers),
-        *run_check("other domains", lambda: network_checks.other_domains(settings.domain_id if settings else -1)),
+        *run_check("network interfaces", lambda: check_interfaces(network_interfaces(), settings)),
+        *run_check("socket buffers", socket_buffers),
+        *run_check("other domains", lambda: other_domains(settings.domain_id if settings else -1)),
     ]
 
 
@@ -123,10 +121,10 @@ def _middleware(command_node: CommandNode) -> Iterator[Finding]:
 
 
 async def _discovered(command_node: CommandNode) -> list[Finding]:
-    from rosidl_py_gen.ros_cli.doctor import peers
+    from rosidl_py_gen.ros_cli.doctor.peers import SelfTest, check_peers, duplicate_node_names, mismatches
 
     try:
-        test = peers.SelfTest(command_node)
+        test = SelfTest(command_node)
     except OSError as error:
         return [Finding(NOTE, f"the second process of the self-test does not start: {error}")]
     try:
@@ -134,9 +132,9 @@ async def _discovered(command_node: CommandNode) -> list[Finding]:
         await command_node.wait_for_node_names()
         return [
             result,
-            *run_check("the peers", lambda: peers.peers(command_node, test.guid)),
-            *run_check("names of nodes", lambda: peers.duplicate_node_names(command_node.node)),
-            *run_check("quality of service", lambda: peers.mismatches(command_node.node)),
+            *run_check("the peers", lambda: check_peers(command_node, test.guid)),
+            *run_check("names of nodes", lambda: duplicate_node_names(command_node.node)),
+            *run_check("quality of service", lambda: mismatches(command_node.node)),
         ]
     finally:
         test.close()

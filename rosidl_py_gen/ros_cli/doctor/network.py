@@ -45,7 +45,7 @@ class Interface:
     multicast_works: bool | None = None
 
 
-def interfaces() -> list[Interface]:
+def network_interfaces() -> list[Interface]:
     """Return the network interfaces of this machine, at most 64; an empty list if the system does not report them."""
     try:
         names = [name for _, name in socket.if_nameindex()][:_MAX_INTERFACES]

@@ -135,7 +135,7 @@ class SelfTest:
 # --------------------------------------------------------------------------------------------------------------- peers
 
 
-def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
+def check_peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
     """Report the participants of other processes by middleware, without the participant whose GUID is `without` (the
     self-test).
     """

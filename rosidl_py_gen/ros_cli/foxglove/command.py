@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,24 +10,6 @@ from rosidl_py_gen.ros_cli import AsyncCommand, options, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import NetworkOptions
-
-
-@dataclass(frozen=True, slots=True)
-class FoxgloveOptions:
-    """Options of the command ``foxglove``."""
-
-    host: str
-    port: int
-    is_read_only: bool
-    origins: Sequence[str]
-    token: str
-    max_mib: int
-    per_s: int
-    use_sim_time: bool
-    queue: int
-    hidden: bool
-    paths: Sequence[str] = ()
-    as_json: bool = False
 
 
 @click.command("foxglove")
@@ -104,5 +84,6 @@ def foxglove(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
     rosidl-py foxglove --host 0.0.0.0 --read-only
     """
     from rosidl_py_gen.ros_cli.foxglove.serve import serve
+    from rosidl_py_gen.ros_cli.foxglove.server import FoxgloveOptions
 
     return AsyncCommand(serve(network, FoxgloveOptions(**arguments)), endless=True)

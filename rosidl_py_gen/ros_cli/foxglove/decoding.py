@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen import decode, from_json
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.type_queries import referenced_classes
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.foxglove import limits
 
 if TYPE_CHECKING:

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import Message, compile_definition, encode, get_message
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
-from rosidl_py_gen.ros_cli import CommandError, type_resolution
+from rosidl_py_gen.ros_cli import type_resolution
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.foxglove.keyed_tasks import KeyedTasks

@@ -20,7 +20,7 @@ from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, firs
 from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
 from rosidl_py_gen.ros_cli.foxglove.protocol import Graph
 from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
-from rosidl_py_gen.ros_cli.foxglove.server import Server
+from rosidl_py_gen.ros_cli.foxglove.server import FoxgloveOptions, Server
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
 from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
 from rosidl_py_gen.ros_cli.foxglove.viewer import Handlers
@@ -29,7 +29,6 @@ from rosidl_py_gen.runtime import validate_full_name
 from rosidl_py_gen.runtime.qos import CLOCK
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
     from rosidl_py_gen.runtime import Node, NodeInfo
 
 

@@ -14,13 +14,15 @@ import secrets
 import socket
 import traceback
 from contextlib import suppress
+from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, AdvertisedService, Handlers, RateLimit, Viewer
 
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
     from websockets.asyncio.server import Server as WebSocketServer
     from websockets.http11 import Request, Response
 
-    from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
     from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
     from rosidl_py_gen.ros_cli.foxglove.viewer import ClientChannelKey
 
@@ -39,6 +40,24 @@ KNOWN_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io
 """Permitted Origin headers: Foxglove, Lichtblick, desktop apps. Pages from files, or without origin, send ``null``."""
 _LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 ANY = "*"
+
+
+@dataclass(frozen=True, slots=True)
+class FoxgloveOptions:
+    """Options of the command ``foxglove``."""
+
+    host: str
+    port: int
+    is_read_only: bool
+    origins: Sequence[str]
+    token: str
+    max_mib: int
+    per_s: int
+    use_sim_time: bool
+    queue: int
+    hidden: bool
+    paths: Sequence[str] = ()
+    as_json: bool = False
 
 
 def _refusal(options: FoxgloveOptions, origins: Sequence[str], path: str) -> tuple[int, str] | None:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
-from rosidl_py_gen.ros_cli import CommandError, terminal_output, type_resolution
+from rosidl_py_gen.ros_cli import terminal_output, type_resolution
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.foxglove.keyed_tasks import KeyedTasks
 from rosidl_py_gen.ros_cli.name_lookup import has_server, is_hidden

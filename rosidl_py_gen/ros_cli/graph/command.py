@@ -15,7 +15,8 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import json_text, pluralize
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -73,14 +74,15 @@ async def graph(
     kind = options.output_format("svg", kind, as_json, output)
     await command_node.wait_for_node_names()
     picture = _filtered(_picture(command_node, everything), nodes, topics)
-    from rosidl_py_gen.ros_cli.graph import svg, text
+    from rosidl_py_gen.ros_cli.graph.svg import svg_picture
+    from rosidl_py_gen.ros_cli.graph.text import graph_document, mermaid_text, text_lines
 
     draw = {
-        "svg": lambda: svg.svg(picture),
-        "mermaid": lambda: text.mermaid(picture),
-        "json": lambda: json_text(text.document(picture), indent=2),
+        "svg": lambda: svg_picture(picture),
+        "mermaid": lambda: mermaid_text(picture),
+        "json": lambda: json_text(graph_document(picture), indent=2),
     }
-    await asyncio.to_thread(terminal_output.drawing, kind, output, text.lines(picture), draw)
+    await asyncio.to_thread(terminal_output.drawing, kind, output, text_lines(picture), draw)
     if output is not None:
         terminal_output.note(f"wrote {output}: {pluralize(len(picture.nodes), 'node')}")
 

@@ -8,7 +8,6 @@ that box widths need no measuring.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
@@ -52,7 +51,7 @@ class _NodeBox:
     width: float = 0
 
 
-def svg(picture: Picture) -> str:
+def svg_picture(picture: Picture) -> str:
     """Return the SVG file of a graph as text."""
     layouts = [
         _ColumnLayout(
@@ -171,4 +170,6 @@ def _draw(box: _NodeBox) -> Iterator[str]:
 
 
 def _escaped(text: str, max_chars: int = _MAX_CHARS) -> str:
+    from html import escape
+
     return escape(printable(text if len(text) <= max_chars else f"{text[: max_chars - 3]}..."))

@@ -60,7 +60,7 @@ _ARROWS = {"publishes": "->", "subscribes": "<-", "serves": "<-", "calls": "->"}
 _SHAPES = {"topic": ('(["', '"])'), "service": ('{{"', '"}}'), "action": ('[["', '"]]')}
 
 
-def lines(picture: Picture) -> Iterator[tuple[str, str]]:
+def text_lines(picture: Picture) -> Iterator[tuple[str, str]]:
     """Yield the lines of the graph as text, each with a style of rich: nodes, their topics, and the counterparts."""
     if not picture.nodes:
         yield f"no nodes in domain {picture.domain_id}", ""
@@ -78,7 +78,7 @@ def lines(picture: Picture) -> Iterator[tuple[str, str]]:
                     yield f"      {_ARROWS[role]} {others}", "dim"
 
 
-def document(picture: Picture) -> dict[str, Any]:
+def graph_document(picture: Picture) -> dict[str, Any]:
     """Return the graph as a value for JSON output: the domain, and the topics, services and actions of each node."""
     nodes = []
     for node in picture.nodes:
@@ -93,7 +93,7 @@ def _row(picture: Picture, edge: Edge) -> dict[str, Any]:
     return {"kind": edge.kind, "name": edge.name, "types": edge.types, "with": picture.counterparts(edge)}
 
 
-def mermaid(picture: Picture) -> str:
+def mermaid_text(picture: Picture) -> str:
     """Return a Mermaid flowchart: nodes are boxes, topics round, services hexagons, actions double boxes."""
     nodes = {
         name: f"n{number}"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import click
 
-from rosidl_py_gen.ros_cli import options
+from rosidl_py_gen.ros_cli import exit_on_error, options
 
 _NONINTERACTIVE = "Send SIGINT to all processes on Ctrl-C; the default if standard input is not a terminal."
 _MISSING = "Packages and executables that do not exist: end with an error, or report each once and start the rest."
@@ -62,4 +63,8 @@ def launch(
         raise click.UsageError("--show-args and --print-description exclude each other")
     if settings["launch_prefix_filter"] and not settings["launch_prefix"]:
         raise click.UsageError("--launch-prefix-filter requires --launch-prefix")
-    return start(words, paths, checkouts, settings)
+    for word in words[1 if os.path.isfile(words[0]) else 2 :]:
+        name, mark, _ = word.partition(":=")
+        if not (name and mark):
+            raise click.UsageError(f'expected NAME:=VALUE, found "{word}"')
+    return exit_on_error()(start(words, paths, checkouts, settings))

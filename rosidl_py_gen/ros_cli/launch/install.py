@@ -33,7 +33,8 @@ from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.frontend.workspace import Workspace
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
 from rosidl_py_gen.generator_cli.git_revision import clone_origin
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix.package_plan import PROGRAM, PackagePlan
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 from rosidl_py_gen.wheels import environment

@@ -26,7 +26,8 @@ from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.python_packages import install_note
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError, report, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError, report
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.build import Prefix
 

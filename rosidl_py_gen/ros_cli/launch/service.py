@@ -18,18 +18,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import click
-
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.python_packages import install_command_of
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.compiler.frontend.package_files import files_below
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.launch.missing import MissingParts, require_description
 from rosidl_py_gen.ros_cli.prefix.build import NAME_RULE, Prefix, build_prefix, is_ament_name
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
-from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
+from rosidl_py_gen.ros_cli.prefix.workspaces import make_importable, roots, workspaces
 
 _PIP_FOLDERS = ("AMENT_PREFIX_PATH", sys.prefix), ("AMENT_PREFIX_PATH", site.USER_BASE)
 """Environment variables, each with a folder to add to it: pip installs share files of launch and a resource index
@@ -61,8 +60,6 @@ def start(
     if not (is_file or is_ament_name(words[0])):
         raise CommandError(f'"{words[0]}" is not a file, nor the name of a package; expected {NAME_RULE}')
     pairs = [word.partition(":=") for word in words[1 if is_file else 2 :]]
-    if wrong := ["".join(pair) for pair in pairs if not (pair[0] and pair[1])]:
-        raise click.UsageError(f'expected NAME:=VALUE, found "{wrong[0]}"')
     place = Path(words[0]).resolve() if is_file else Path.cwd()
     prefix = build_prefix(roots(workspaces([*paths, *checkouts], place)), runs_setup=True)
     if problems := (*prefix.problems, *prefix.notes):
@@ -116,7 +113,6 @@ def _file_of_package(package: str, name: str) -> str:
     raise CommandError(f"{text}{hint}; its launch files: {', '.join(files) or 'none'}")
 
 
-@exit_on_error()
 def _run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefix: Prefix) -> None:
     """Run or print a launch file, and exit with the code of launch."""
     if settings["show_all"]:

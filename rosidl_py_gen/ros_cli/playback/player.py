@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp, stamp_ns
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, CommandError, terminal_output
+from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of, now_s
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.name_lookup import full_name
 from rosidl_py_gen.ros_cli.playback.recording import Recording, by_publish_time, select_messages, selected_topics

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.bag.display import opened_bag, time_text
 from rosidl_py_gen.ros_cli.bag.selection import BagSelection, start_of
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.name_lookup import topic_owner
 from rosidl_py_gen.ros_cli.options import compile_pattern
 

@@ -18,8 +18,9 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import (
     Durability,

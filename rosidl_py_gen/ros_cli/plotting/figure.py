@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.plotting.lines import DrawnLine, TimeAxis
 
 if TYPE_CHECKING:

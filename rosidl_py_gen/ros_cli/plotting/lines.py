@@ -17,7 +17,8 @@ import numpy as np
 from rosidl_py_gen.base.field_columns import Column, FieldPathError, message_columns
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.type_resolution import require_stamp
 
 Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"

@@ -10,32 +10,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.plotting.figure import PlotWindow
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis
 
 _MAX_ROWS = 40
-
-
-plot_options = options.all_of(
-    click.option(
-        "-o",
-        "--out",
-        type=click.Path(dir_okay=False),
-        metavar="FILE",
-        help="Write a file; its ending selects the format: .png, .svg, .pdf, ...",
-    ),
-    click.option("--terminal", "in_terminal", is_flag=True, help="Draw in the terminal, even if windows can open."),
-    click.option("--stamp", "by_stamp", is_flag=True, help="Time of header.stamp, instead of the time of receipt."),
-    click.option("--wall-clock", is_flag=True, help="Local date and time on the time axis, instead of seconds."),
-)
-"""Options that ``bag plot`` and ``topic plot`` share."""
 
 
 def require_output(out: str | None, in_terminal: bool) -> None:

@@ -18,7 +18,7 @@ from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile

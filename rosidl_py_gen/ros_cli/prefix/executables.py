@@ -16,7 +16,8 @@ from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.type_loading.setup_reader.setup_files import (
     PackageSetup,

@@ -29,7 +29,8 @@ from rosidl_py_gen.base.python_packages import install_note
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 
@@ -144,7 +145,8 @@ class _OwnModules:
         """
         if os.name == "nt":
             return {}
-        from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan  # slow to import, and rarely needed
+        # Slow to import, and rarely needed.
+        from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan
 
         found: dict[str, Path] = {}
         for package, folder in self._packages().items():

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import click
 
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 _PLUGIN = "rosidl_py_gen.ros_cli.program_runner.missing_test_tools"
 _TEST_COMMANDS = {"ament_add_pytest_test": 1, "add_launch_test": 0}
@@ -51,6 +52,14 @@ def run(
     rosidl-py run my_package talker --ros-args -r chatter:=news
     rosidl-py run --check talker.py
     """
+    if listed and len(words) > 1:
+        raise click.UsageError("expected at most a package")
+    if as_json and not (listed or check):
+        raise click.UsageError("--json requires --check or --list; options of the program follow the program")
+    if not (listed or words):
+        raise click.UsageError("expected a file, -m and a module, or a package and an executable")
+    if not listed and words[0] == "-m" and not words[1:]:
+        raise click.UsageError("expected a module after -m")
     from rosidl_py_gen.ros_cli.program_runner.run import start
 
     return start(words, paths, check, listed, as_json)
@@ -73,7 +82,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     from rosidl_py_gen.base.names import did_you_mean
     from rosidl_py_gen.ros_cli.prefix.build import build_prefix
     from rosidl_py_gen.ros_cli.prefix.variables import variables
-    from rosidl_py_gen.ros_cli.program_runner.run import workspaces
+    from rosidl_py_gen.ros_cli.prefix.workspaces import workspaces
 
     if find_spec("pytest") is None:
         raise CommandError("pytest is not installed: pip install pytest")

@@ -23,7 +23,7 @@ from typing import Any
 
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.base.python_packages import install_note
-from rosidl_py_gen.ros_cli import CommandError, report
+from rosidl_py_gen.ros_cli.command_support import CommandError, report
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.type_loading import import_hook

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -20,13 +19,14 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
-from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
-from rosidl_py_gen.ros_cli import CommandError, click_module, terminal_output
+from rosidl_py_gen.compiler.frontend.workspace import Workspace
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
+from rosidl_py_gen.ros_cli.prefix.workspaces import make_importable, roots, workspaces
 from rosidl_py_gen.ros_cli.program_runner.program import start as start_program
 from rosidl_py_gen.type_loading.disk_cache import is_usable
-from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
 
 if TYPE_CHECKING:
@@ -39,8 +39,6 @@ def start(
     """Find a program and return a function that runs it; for --list and --check, print and return the exit code."""
     if listed:
         return _list(words, paths, as_json)
-    if as_json and not check:
-        raise click_module().UsageError("--json requires --check or --list; options of the program follow the program")
     program, arguments = _program(words, paths, runs_setup=not check)
     if program.warning and not check:
         terminal_output.note(f"warning: {program.warning}")
@@ -82,7 +80,8 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
     built = []
 
     def build() -> list[str]:
-        from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix  # slow to import
+        # Slow to import.
+        from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix
 
         for place in sys.path:
             note(place)
@@ -111,46 +110,13 @@ def _note_misplaced_option(program: Executable, first: str) -> None:
         terminal_output.note(text)
 
 
-def make_importable(place: Path, paths: Sequence[str]) -> None:
-    """Make rclpy, messages and workspace packages importable; print a warning if an installed rclpy is replaced."""
-    real = PathFinder.find_spec("rclpy")
-    if real is not None and real.origin is not None:
-        from rosidl_py_gen import __version__
-
-        terminal_output.note(
-            f"warning: rclpy is that of rosidl-py-gen {__version__}, not {Path(real.origin).parent}; "
-            "so are its companions and all messages"
-        )
-        warnings.filterwarnings("ignore", category=ImportHookWarning)
-    install_import_hook(message_api="rclpy", path=paths, workspace_of=_workspace_folder(place), override_installed=True)
-
-
-def _workspace_folder(place: Path) -> Path:
-    """Return the path around which a workspace is searched: `place`, or the current folder if it is in the workspace of
-    `place`.
-    """
-    here = Path.cwd()
-    package = package_around(place)
-    if package is None:  # the folder of a script may be large, and is not searched for packages
-        is_workspace = here.name == "src" or (here / "src").is_dir() or package_around(here) is not None
-        return here if is_workspace else place
-    if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
-        return place
-    around = workspace_around(here)
-    return here if around is not None and package in workspace_packages(around).values() else place
-
-
 def _program(words: Sequence[str], paths: Sequence[str], runs_setup: bool) -> tuple[Executable, Sequence[str]]:
     """Return the executable that the words of a command line name, and its arguments.
 
     Raises `CommandError` if there is none.
     """
-    if not words:
-        raise click_module().UsageError("expected a file, -m and a module, or a package and an executable")
     first, *rest = words
     if first == "-m":
-        if not rest:
-            raise click_module().UsageError("expected a module after -m")
         return Executable("-m", Path.cwd(), module=rest[0]), rest[1:]
     path = Path(first)
     if path.is_file():
@@ -180,12 +146,6 @@ def _has_relative_imports(file: Path) -> bool:
     return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
 
 
-def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspace]:
-    """Return the workspaces of ``--path``, then the workspace of the program `place`, or of the current folder."""
-    around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
-    return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
-
-
 def _packages(paths: Sequence[str], place: Path) -> dict[str, Path]:
     """Return the source folders of the packages of some workspaces by name; the first workspace has precedence."""
     return {
@@ -193,16 +153,9 @@ def _packages(paths: Sequence[str], place: Path) -> dict[str, Path]:
     }
 
 
-def roots(found: Sequence[Workspace]) -> list[Path]:
-    """Return the folders that contain all packages of some workspaces; prints a note about an incomplete search."""
-    for one in found:
-        if one.packages and one.holds_others and one.limit_text:
-            terminal_output.note(f"note: {one.limit_text}")
-    return [root for one in found if one.packages for root in one.roots]
-
-
 def _run_setup_py(folder: Path, why: str) -> SetupArguments:
-    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py  # slow to import, and rarely needed
+    # Slow to import, and rarely needed.
+    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
 
     return run_setup_py(folder, why)
 
@@ -255,8 +208,6 @@ def _executable_program(
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print the executables of a package, or of all packages, as `ros2 pkg executables` does; returns 0."""
-    if len(words) > 1:
-        raise click_module().UsageError("expected at most a package")
     packages = words or sorted({name for workspace in workspaces(paths) for name in workspace_packages(workspace)})
     rows = []
     for package in packages:

@@ -20,12 +20,13 @@ from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, terminal_output, type_resolution
+from rosidl_py_gen.ros_cli import AsyncCommand, terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
 from rosidl_py_gen.ros_cli.bag.display import size_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of, now_s
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
 from rosidl_py_gen.ros_cli.recording.selection import Selection, owner_of

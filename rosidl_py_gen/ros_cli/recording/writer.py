@@ -14,7 +14,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.terminal_text import print_next_step
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import options, terminal_output, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,11 +40,11 @@ def _keystore(root: Path) -> Keystore:
 @contextmanager
 def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
     """Lock a complete keystore against other commands and yield it; print a note if its governance lacks the domain."""
-    from rosidl_py_gen.ros_cli.security import key_files
+    from rosidl_py_gen.ros_cli.security.key_files import locked
 
     keystore = _keystore(root)
     keystore.require()
-    with key_files.locked(root):
+    with locked(root):
         keystore.require_own()
         yield keystore
     keystore.note_if_ungoverned(domain_id)

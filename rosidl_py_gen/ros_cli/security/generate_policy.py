@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -33,7 +34,7 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     """
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.ros_cli.name_lookup import is_hidden_node
-    from rosidl_py_gen.ros_cli.security import key_files
+    from rosidl_py_gen.ros_cli.security.key_files import write_file
     from rosidl_py_gen.ros_cli.security.policy import VERSION, policy_text, read_policy
 
     path = os.path.realpath(policy_file)
@@ -47,7 +48,7 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     if not added:
         domain_id = command_node.context.domain_id
         raise CommandError(f"no nodes were found in domain {domain_id}; {policy_file} was not written")
-    key_files.write_file(Path(path), policy_text(root).encode())
+    write_file(Path(path), policy_text(root).encode())
     rows = [{"name": one.fully_qualified_name, "enclave": one.enclave} for one in added]
     enclaves = ", ".join(sorted({one.enclave for one in added}))
     text = f"wrote {policy_file}: {pluralize(len(added), 'node')}, enclaves {enclaves}"

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base import folder_trust
 from rosidl_py_gen.base.xml_reader import read_xml
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.security import key_files
 from rosidl_py_gen.ros_cli.security.permissions import governance_xml, permissions_xml
 from rosidl_py_gen.ros_cli.security.policy import check_enclave_name

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.stamps import sec_nanosec
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from PIL import Image, ImageDraw, ImageFont
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,7 @@ class _FrameBox:
         return _MARGIN + self.level * _ROW_HEIGHT + _BOX_HEIGHT / 2
 
 
-def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
+def write_picture(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
     """Write a PNG file with the tree of frames. Raises `CommandError` if the picture would be too large."""
     big, small = ImageFont.load_default(_FONT_SIZE), ImageFont.load_default(_SMALL_FONT_SIZE)
     order = _boxes(frames, names, big, small)

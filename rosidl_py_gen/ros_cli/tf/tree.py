@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rosidl_py_gen.base.terminal_text import json_text, pluralize
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,7 +42,7 @@ def tree(
     if kind == "png":
         if output is None:
             raise CommandError("a PNG picture cannot be printed; write it to a file: -o frames.png")
-        from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - a missing Pillow is reported before the wait
+        import_module("rosidl_py_gen.ros_cli.tf.png")  # a missing Pillow is reported before the wait
     if bag is None:
         return AsyncCommand(_show_live(network, kind, output, wait_s))
     _show_recorded(bag, kind, output)
@@ -78,10 +80,10 @@ def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str
     for problem in _problems(frames):
         terminal_output.note(f"warning: {problem}")
     if kind == "png":
-        from rosidl_py_gen.ros_cli.tf import png
+        from rosidl_py_gen.ros_cli.tf.png import write_picture
 
         assert output is not None
-        png.write(frames, names, Path(output))
+        write_picture(frames, names, Path(output))
     else:
         draw = {"json": lambda: json_text(document(frames, names), indent=2), "mermaid": lambda: mermaid(frames, names)}
         terminal_output.drawing(kind, output, lines(frames, names), draw)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
-from rosidl_py_gen.ros_cli.topic import qos as topic_qos
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.ros_cli.topic.qos import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -66,7 +67,7 @@ _EARLY = 0.25
     *("--timeout", "timeout_s"),
     help="Maximum time to wait for the topic, and for each message.  [default: 5, and no limit]",
 )
-@topic_qos.qos_options
+@qos_options
 @options.paths
 @options.endless_node_verb(lambda arguments: not arguments["once"])
 async def echo(
@@ -120,7 +121,7 @@ async def echo(
         cls = await type_resolution.interface_class(command_node, "topic", name, type_name, paths)
         condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
         show = _message_printer(_fields(cls, fields, arrays), condition, rate_limit, printer)
-    profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
+    profile = requested_profile(qos, presets.SENSOR_DATA)
     subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
         command_node.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
     )

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.plotting.output import (
     count_text,
     live_plot,
-    plot_options,
     plot_window,
     print_plot,
     require_output,
     show_plot,
 )
-from rosidl_py_gen.ros_cli.topic import qos as topic_qos
+from rosidl_py_gen.ros_cli.topic.qos import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
@@ -37,9 +37,9 @@ _DRAW_INTERVAL_S = 0.25
 @options.seconds("--duration", "duration_s", help="Time to receive messages; without it until Ctrl-C.")
 @click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="Stop after N messages.")
 @options.seconds("--last", "last_s", help="Draw only this time before the latest message.")
-@plot_options
+@options.plot_options
 @options.topic_timeout
-@topic_qos.qos_options
+@qos_options
 @options.paths
 @options.endless_node_verb(lambda arguments: arguments["duration_s"] is None and arguments["times"] is None)
 async def plot(
@@ -74,7 +74,7 @@ async def plot(
     from rosidl_py_gen.runtime import qos as presets
 
     axis = TimeAxis(is_wall_clock=wall_clock, by_stamp=by_stamp, last_s=last_s)
-    profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
+    profile = requested_profile(qos, presets.SENSOR_DATA)
     lines: list[TopicLines] = []
     subscriptions: list[AdaptiveSubscription[Any]] = []
     async with AsyncExitStack() as stack:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
-from rosidl_py_gen.ros_cli.topic import qos as topic_qos
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.ros_cli.topic.qos import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -51,7 +52,7 @@ _STDIN = "-"
     help="Print every N-th message; 0 prints none.",
 )
 @options.seconds("--keep-alive", "keep_alive_s", default=0.1, help="Time to stay after the last message.")
-@topic_qos.qos_options
+@qos_options
 @options.paths
 @options.as_json
 @options.endless_node_verb(lambda given: not (given["once"] or given["times"] or given["words"][-1:] == (_STDIN,)))
@@ -97,7 +98,7 @@ async def pub(
     cls = await type_resolution.interface_class(command_node, "topic", name, type_name, paths)
     # Before the wait for subscriptions, so that errors in the text are reported at once.
     template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
-    profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
+    profile = requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
     publisher: Publisher[Any] = command_node.node.create_publisher(cls, name, profile)
     ends = max_count is not None or template is None
     await _wait_for_subscriptions(publisher, int(ends) if wait is None else wait, timeout_s)

@@ -12,7 +12,7 @@ import threading
 from collections.abc import AsyncGenerator
 from concurrent.futures import CancelledError
 
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.values import MAX_JSON, MAX_TEXT
 
 _CHUNK_BYTES = 1 << 16

@@ -25,9 +25,9 @@ from rosidl_py_gen.compiler.compatibility.migration import (
     plan,
 )
 from rosidl_py_gen.errors import DefinitionError, EncodeError
-from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.bag.migration_rules import parse_rules
 from rosidl_py_gen.ros_cli.bag.qos_overrides import parse_qos_overrides, read_qos_overrides
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
 from rosidl_py_gen.runtime.qos import INFINITE_NS
 

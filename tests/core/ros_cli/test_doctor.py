@@ -258,14 +258,14 @@ def test_network_interface_findings_depend_on_discovery_range(
 
 def test_loopback_is_found_with_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
     if sys.platform == "linux":
-        (lo,) = [one for one in doctor_network.interfaces() if one.name == "lo"]
+        (lo,) = [one for one in doctor_network.network_interfaces() if one.name == "lo"]
         assert (lo.address, lo.is_up, lo.is_loopback) == ("127.0.0.1", True, True)
 
     def refuse() -> list[tuple[int, str]]:
         raise OSError("not here")
 
     monkeypatch.setattr(socket, "if_nameindex", refuse)
-    assert doctor_network.interfaces() == []
+    assert doctor_network.network_interfaces() == []
 
 
 def test_other_domains_are_detected_by_their_ports(tmp_path: Path) -> None:

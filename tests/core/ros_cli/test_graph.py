@@ -20,7 +20,7 @@ from support.waiting import until
 
 from rosidl_py_gen import get_action, get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.graph import svg as graph_svg
 from rosidl_py_gen.ros_cli.graph import text as graph_text
 from rosidl_py_gen.ros_cli.graph.text import Edge, Picture
@@ -142,7 +142,7 @@ def hostile() -> Picture:
 
 
 def test_svg_escapes_names_of_peers() -> None:
-    root = ElementTree.fromstring(graph_svg.svg(hostile()).encode())
+    root = ElementTree.fromstring(graph_svg.svg_picture(hostile()).encode())
     tags = {element.tag.rpartition("}")[2] for element in root.iter()}
     assert tags == {"svg", "style", "defs", "marker", "path", "rect", "g", "title", "text"}
     boxes = [element for element in root.iter() if element.tag.endswith("title")]
@@ -151,7 +151,7 @@ def test_svg_escapes_names_of_peers() -> None:
 
 
 def test_mermaid_escapes_names_of_peers() -> None:
-    first, *lines = graph_text.mermaid(hostile()).splitlines()
+    first, *lines = graph_text.mermaid_text(hostile()).splitlines()
     label = r"(?:[A-Za-z0-9_/ .,()-]|#\d+;|<br/>)*"
     box = rf'  [nt]\d+(?:\["{label}"\]|\(\["{label}"\]\)|\{{\{{"{label}"\}}\}}|\[\["{label}"\]\])'
     assert first == "flowchart LR"
@@ -161,14 +161,14 @@ def test_mermaid_escapes_names_of_peers() -> None:
 @pytest.mark.parametrize("nodes", [[], ["/alone"]])
 def test_graph_without_connections_can_be_drawn(nodes: list[str]) -> None:
     picture = Picture(5, nodes, [])
-    assert ElementTree.fromstring(graph_svg.svg(picture)) is not None
-    assert [text for text, _ in graph_text.lines(picture)] == (nodes or ["no nodes in domain 5"])
+    assert ElementTree.fromstring(graph_svg.svg_picture(picture)) is not None
+    assert [text for text, _ in graph_text.text_lines(picture)] == (nodes or ["no nodes in domain 5"])
 
 
 def test_boxes_of_svg_graph_do_not_overlap() -> None:
     edges = [Edge(f"/n{one % 7}", "publishes", "topic", f"/t{one}", ("a/msg/B",)) for one in range(30)]
     edges += [Edge(f"/m{one % 5}", "subscribes", "topic", f"/t{one}", ("a/msg/B",)) for one in range(30)]
-    root = ElementTree.fromstring(graph_svg.svg(Picture(0, sorted({edge.node for edge in edges}), edges)))
+    root = ElementTree.fromstring(graph_svg.svg_picture(Picture(0, sorted({edge.node for edge in edges}), edges)))
     boxes = [
         tuple(float(one.attrib[key]) for key in ("x", "y", "width", "height"))
         for one in root.iter("{http://www.w3.org/2000/svg}rect")
@@ -374,7 +374,7 @@ def test_tf_tree_escapes_frame_names_in_every_format(tmp_path: Path) -> None:
     form = rf'  f\d+(?:\["{label}"\]| -->\|"{label}"\| f\d+)'
     assert first == "flowchart TD" and [line for line in lines if not re.fullmatch(form, line)] == []
     assert tree.document(frames, {"peer": EVIL_FRAME})["frames"][0]["frame"] == EVIL_FRAME
-    png.write(frames, {"peer": EVIL_FRAME}, tmp_path / "evil.png")
+    png.write_picture(frames, {"peer": EVIL_FRAME}, tmp_path / "evil.png")
 
 
 @pytest.mark.slow
@@ -382,12 +382,12 @@ def test_very_deep_and_very_wide_trees_have_limited_output(tmp_path: Path) -> No
     deep = frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(3000)])
     shown = [line for line, _ in tree.lines(deep, {})]
     assert len(shown) == 3001 and max(map(len, shown)) < 250
-    png.write(
+    png.write_picture(
         frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png"
     )
     wide = frame_statistics([moved("map", f"child{number}") for number in range(3000)])
     with pytest.raises(CommandError, match=r"3001 frames need a picture of .* pixels; --format mermaid"):
-        png.write(wide, {}, tmp_path / "wide.png")
+        png.write_picture(wide, {}, tmp_path / "wide.png")
 
 
 @pytest.mark.slow

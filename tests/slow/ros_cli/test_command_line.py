@@ -26,6 +26,7 @@ from rosidl_py_gen import get_action, get_message, ros_cli
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.generator_cli import cli as generator
 from rosidl_py_gen.generator_cli import shells
+from rosidl_py_gen.ros_cli.command_support import report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,7 +84,7 @@ def test_multi_line_errors_keep_lines_and_escape_control_characters(capsys: pyte
         ros_cli.main(["topic", "type", "/a b", "--discovery", "off"])
     assert end.value.code == 1
     assert capsys.readouterr().err.endswith(" are\n    /a b\n      ^\n")
-    ros_cli.report("a peer says \x1b[2J\nerror: b")
+    report("a peer says \x1b[2J\nerror: b")
     assert capsys.readouterr().err == "error: a peer says \ufffd[2J\\nerror: b\n"
 
 

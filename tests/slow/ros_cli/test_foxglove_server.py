@@ -21,7 +21,8 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from rosidl_py_gen import compile_definition, encode, get_message, get_service
-from rosidl_py_gen.ros_cli import CommandError, type_resolution
+from rosidl_py_gen.ros_cli import type_resolution
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.foxglove.serve import addresses

@@ -18,7 +18,7 @@ from support.interface_packages import write
 from support.prefix_workspace import RECORDED, answers, listing, write_workspace
 from support.program_processes import started
 
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix import build, executables, package_plan
 from rosidl_py_gen.ros_cli.prefix.build import build_prefix
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
