@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.compiler.compatibility.compare import compare
-from rosidl_py_gen.generator_cli.diff_sources import DiffSource, load_sources
+from rosidl_py_gen.generator_cli.compare import compare
+from rosidl_py_gen.generator_cli.diff import DiffSource, load_sources
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from rosidl_py_gen.compiler.compatibility.compare import TypeChange
+    from rosidl_py_gen.generator_cli.compare import TypeChange
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "compatibility.md"
 _TABLE = re.compile(r"(?<=\| Since \| Definition \| Change \|\n\|---\|---\|---\|\n)(?:\|.*\n)+")

@@ -26,9 +26,9 @@ from rosidl_py_gen.bags.common import BagError, BagTopic, BagWarning
 from rosidl_py_gen.base.distributions import checked_distribution, selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.cdr.field_walk import encoded_length
+from rosidl_py_gen.cdr.codec import encoded_length
 from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, HEADER_BYTES, NETWORK_ALIGN
-from rosidl_py_gen.cdr.structured_layout import varying_field
+from rosidl_py_gen.cdr.structured_arrays import varying_field
 from rosidl_py_gen.errors import (
     DecodeError,
     DefinitionError,

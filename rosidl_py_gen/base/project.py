@@ -1,6 +1,7 @@
 """Settings of a user's project for commands, and imports of generated packages in the current folder.
 
-The folders of packages are read from ``[tool.rosidl-py]`` of pyproject.toml.
+The folders of packages are read from ``[tool.rosidl-py]`` of pyproject.toml. `parse_toml` reads untrusted files in time
+that is linear in their size.
 """
 
 from __future__ import annotations
@@ -11,17 +12,36 @@ import sys
 from contextlib import contextmanager
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.toml_text import parse_toml
+from rosidl_py_gen.base.resources import is_generated
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from importlib.machinery import ModuleSpec
     from types import ModuleType
+
+_MAX_DOTS = 300
+"""Maximum number of dots in a line of TOML: the time of `tomllib` is quadratic in the number of parts of a key."""
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; raises ValueError for invalid or too deeply nested text."""
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.count(".") > _MAX_DOTS:
+            raise ValueError(f"line {number} has more than {_MAX_DOTS} dots")
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    return data
+
 
 _FILE = "pyproject.toml"
 _TABLE = "rosidl-py"

@@ -1,7 +1,8 @@
-"""Printable text and JSON for terminals, made from untrusted data.
+"""Printable text and JSON for terminals, made from untrusted data, and the rule for logging repeated events.
 
 Commands print only text of these functions or of `errors.printable`: text of peers, of definition files and of
-recordings could otherwise control a terminal, or reorder its output.
+recordings could otherwise control a terminal, or reorder its output. `is_logged` selects which occurrences of an event
+are logged if the number of events depends on peers.
 """
 
 from __future__ import annotations
@@ -80,3 +81,17 @@ def _escaped(found: re.Match[str]) -> str:
         return char
     units = char.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
+
+
+MAX_FIRST = 10
+"""Number of occurrences of an event that are all logged before occurrences are skipped. There are rarely more different
+causes, such as programs on one topic."""
+
+
+def is_logged(count: int) -> bool:
+    """Return True if occurrence number `count` of an event should be logged: 1 to `MAX_FIRST`, then 16, 32, 64 and so
+    on.
+
+    A limit for each second would lose messages at the start of a program, when several causes are found at once.
+    """
+    return count <= MAX_FIRST or not count & (count - 1)

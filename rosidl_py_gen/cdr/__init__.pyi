@@ -1,6 +1,6 @@
-from rosidl_py_gen.cdr.field_walk import decode_slow as decode_slow
-from rosidl_py_gen.cdr.field_walk import encode_slow as encode_slow
-from rosidl_py_gen.cdr.field_walk import validate as validate
+from rosidl_py_gen.cdr.codec import decode_slow as decode_slow
+from rosidl_py_gen.cdr.codec import encode_slow as encode_slow
+from rosidl_py_gen.cdr.codec import validate as validate
 from rosidl_py_gen.cdr.lazy import lazy_exports as lazy_exports
 from rosidl_py_gen.cdr.message import Action as Action
 from rosidl_py_gen.cdr.message import Field as Field

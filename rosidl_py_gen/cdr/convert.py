@@ -16,7 +16,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import json_value
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, short_repr
-from rosidl_py_gen.cdr.field_walk import validate
+from rosidl_py_gen.cdr.codec import validate
 from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
 from rosidl_py_gen.errors import EncodeError

@@ -10,7 +10,7 @@ Two consequences of the rules that all of them use:
   value ended, and its first member adds the padding.
 - A message whose size does not depend on values contains a member of its largest alignment. Its end is therefore known
   modulo that alignment wherever it begins, so in a sequence all elements after the first are equally long
-  (`structured_layout.sequence_end_offset`).
+  (`structured_arrays.sequence_end_offset`).
 
 Source: docs/internals/protocol.md 2.1 for the header, 2.2 for values, 2.4 for padding at the end.
 """

@@ -1,7 +1,7 @@
 """Base classes of generated code, and the ROS type of a class.
 
 Generated classes have flat `_encode` and `_decode` of their own. This module adds equality, `repr` and the public
-methods. Slow paths are in `field_walk`.
+methods. Slow paths are in `codec`.
 """
 
 from __future__ import annotations

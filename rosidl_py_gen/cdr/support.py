@@ -203,7 +203,7 @@ def list_or_records(value: object) -> Any:
 def check_max_length(count: int, maximum: int) -> None:
     """Raise `FieldValueError` if a sequence or string is longer than its bound.
 
-    Encoder and decoder then call `field_walk`, whose error names the field.
+    Encoder and decoder then call `codec.validate`, whose error names the field.
     """
     if count > maximum:
         raise FieldValueError(f"expected at most {maximum}, found {count}")

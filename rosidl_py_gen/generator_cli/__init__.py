@@ -24,11 +24,13 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
-from rosidl_py_gen.generator_cli.diagnostics_output import (
+from rosidl_py_gen.generator_cli.command_line import (
+    DISTRIBUTION,
     HintedUsageError,
     count,
+    distro,
     echo,
+    lazy_completion,
     print_json,
     print_line,
     print_notes,
@@ -36,7 +38,6 @@ from rosidl_py_gen.generator_cli.diagnostics_output import (
     rows,
     usage_error_text,
 )
-from rosidl_py_gen.generator_cli.distro_option import DISTRIBUTION, distro
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName

@@ -1,19 +1,359 @@
-"""The command `diff`: compare two sets of definitions, report breaking changes, and print them as text or JSON."""
+"""The command `diff`: compare two sets of definitions, report breaking changes, and print them as text or JSON.
+
+A set comes from a folder, a git revision, a bag, a running node, or a ROS 2 distribution. The kind of a source is
+stated by the prefix `folder:`, `git:`, `bag:`, `node:` or `distro:`. Without one, a source is an existing file or
+folder, else a node if it starts with ``/``, else a revision. Folders, revisions and distributions are complete: a type
+that they lack does not exist. Bags and nodes have only some definitions.
+
+Nodes of ROS 2 describe the messages of topics, but services and actions only by their hash; types without a description
+are skipped with a note. Descriptions are limited and checked like other definitions.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
-from rosidl_py_gen.compiler.compatibility.compare import ChangeKind, compare, select_names
-from rosidl_py_gen.compiler.frontend.registry import split_filter
-from rosidl_py_gen.errors import printable
-from rosidl_py_gen.generator_cli.diagnostics_output import echo, print_json, print_line
-from rosidl_py_gen.generator_cli.diff_sources import SourceError, load_sources, parse_source
+from rosidl_py_gen.cdr.codec import encode
+from rosidl_py_gen.cdr.convert import to_dict
+from rosidl_py_gen.cdr.type_queries import type_description
+from rosidl_py_gen.compiler.frontend.bundled import is_absent
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, split_filter
+from rosidl_py_gen.compiler.frontend.search_path import BUNDLED, scan_search_path
+from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
+from rosidl_py_gen.compiler.generate import load, notes_of
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
+from rosidl_py_gen.generator_cli import git_revision
+from rosidl_py_gen.generator_cli.command_line import echo, print_json, print_line
+from rosidl_py_gen.generator_cli.compare import (
+    ChangeKind,
+    DefinitionSet,
+    as_recorded,
+    collect,
+    collect_with_dependencies,
+    compare,
+    merge,
+    select_names,
+)
+from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.compatibility.compare import Comparison, ElementChange, MessageChange, TypeChange
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.generator_cli.compare import Comparison, ElementChange, MessageChange, TypeChange
+    from rosidl_py_gen.runtime import Node
+
+KINDS = ("folder", "git", "bag", "node", "distro")
+_BAG_FILES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+_METADATA = "metadata.yaml"
+_DISCOVERY_INTERVAL_S = 0.5
+"""Time between two checks of a node's endpoints, in seconds. Two equal results mean that all endpoints have been
+discovered."""
+_ANSWER_TIMEOUT_S = 5.0
+"""Maximum time for the reply of a node with the description of one type, in seconds."""
+_HIDDEN = "/_action/"
+_EVENTS = "/_service_event"
+
+
+class SourceError(RosidlError):
+    """Raised if a source to compare does not exist or cannot be read."""
+
+
+class DiffSource(NamedTuple):
+    """Source of definitions to compare: its kind (one of `KINDS`), and a path, revision, node or distribution name."""
+
+    kind: str
+    text: str
+
+    @property
+    def is_whole(self) -> bool:
+        """True if the source contains every type that exists. False for a bag or node, which has only some types."""
+        return self.kind in ("folder", "git", "distro")
+
+
+@dataclass(slots=True)
+class LoadedDefinitions:
+    """Definitions of a source in `facts`, with the search path from which they were read, and notes for the user."""
+
+    facts: DefinitionSet
+    search: SearchPath | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def with_types(self, names: Iterable[str]) -> LoadedDefinitions:
+        """Return these definitions, completed by definitions of the types `names` as far as the search path
+        has them.
+        """
+        if self.search is None:
+            return self
+        registry, parts = InterfaceRegistry(self.search), [("", self.facts)]
+        for name in names:
+            if name in self.facts.interfaces:
+                continue
+            try:
+                owner = read_checked(registry, split_ros_name(name))
+            except TypeNotFoundError:
+                continue
+            found = collect(registry, [owner])
+            # Recordings of a derived message, such as X_Event, may lack the rest of X.
+            interfaces = found.interfaces if str(owner) == name else {name: (name,)}
+            parts.append(("", DefinitionSet(interfaces, found.messages, found.hashes)))
+        return LoadedDefinitions(merge(parts), self.search, self.notes)
+
+
+def parse_source(text: str) -> DiffSource:
+    """Return the source of definitions that an argument of the command line names.
+
+    Raises `SourceError` if it cannot be a source.
+    """
+    kind, colon, rest = text.partition(":")
+    if colon and kind in KINDS:
+        if not rest:
+            raise SourceError(f'"{text}": expected a source after {kind}:')
+        return DiffSource(kind, rest)
+    path = Path(text)
+    if path.is_dir():
+        return DiffSource("bag" if _is_bag(path) else "folder", text)
+    if path.exists():
+        if text.endswith(_BAG_FILES):
+            return DiffSource("bag", text)
+        raise SourceError(f"{text}: a file that is not a bag; expected a folder of packages, {', '.join(_BAG_FILES)}")
+    if text.startswith("/"):
+        return DiffSource("node", text)
+    if text.endswith(_BAG_FILES) or text.startswith((".", "~")):
+        raise SourceError(f"{text}: there is no such file or folder")
+    return DiffSource("git", text)
+
+
+def _is_bag(folder: Path) -> bool:
+    if (folder / "package.xml").is_file():
+        return False
+    return (folder / _METADATA).is_file() or any(one.name.endswith(_BAG_FILES) for one in folder.iterdir())
+
+
+@contextmanager
+def load_sources(
+    old: DiffSource, new: DiffSource, paths: Sequence[str], timeout_s: float
+) -> Iterator[tuple[LoadedDefinitions, LoadedDefinitions]]:
+    """Yield the definitions of two sources; temporary files of a git revision exist until the block ends.
+
+    A revision without a path means the folder of the other source, or the current folder. Raises `SourceError` or
+    `RevisionError` if a source cannot be read, and `DefinitionError` if definitions are invalid.
+    """
+    folder = next((source.text for source in (old, new) if source.kind == "folder"), ".")
+    with ExitStack() as stack:
+
+        def load_source(source: DiffSource) -> LoadedDefinitions:
+            match source.kind:
+                case "folder":
+                    return _from_folder(source.text, paths)
+                case "git":
+                    revision = stack.enter_context(git_revision.checked_out(source.text, folder))
+                    return _from_revision(*revision, paths)
+                case "bag":
+                    return _from_bag(source.text, paths)
+                case "distro":
+                    return _from_distribution(source.text)
+                case _:
+                    facts, notes = types_of_node(source.text, timeout_s)
+                    return LoadedDefinitions(facts, None, notes)
+
+        yield load_source(old), load_source(new)
+
+
+def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
+    search = scan_search_path([folder, *paths])
+    own = sorted(name for name, package in search.packages.items() if package.origin == folder)
+    registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
+    names = [name for name in names if name.package in own]
+    return LoadedDefinitions(collect(registry, names), search, [*map(str, notes_of(search, names))])
+
+
+def _from_distribution(distro: str) -> LoadedDefinitions:
+    search = scan_search_path(ament="", distro=distro)
+    registry, names = load(search, [name for name, one in search.packages.items() if one.origin == BUNDLED])
+    names = [name for name in names if not is_absent(name, selected(distro).name)]
+    return LoadedDefinitions(collect(registry, names), search)
+
+
+def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:
+    """Return the definitions of a git revision in `folder`, with locations as ``main:src/my_msgs/msg/Wheel.msg:3``."""
+    if folder is None:
+        search = scan_search_path([*paths])
+        return LoadedDefinitions(DefinitionSet(), search, notes)
+    prefixes = sorted({str(folder), display_path(folder)}, key=len, reverse=True)
+
+    def in_revision(place: str) -> str:
+        prefix = next((one for one in prefixes if place.startswith(one)), None)
+        return place if prefix is None else display + place[len(prefix) :]
+
+    def diagnostics_in_revision(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
+        return [replace(one, path=in_revision(one.path)) for one in diagnostics]
+
+    try:
+        loaded = _from_folder(str(folder), paths)
+    except DefinitionError as error:
+        raise DefinitionError(
+            diagnostics_in_revision(error.diagnostics), diagnostics_in_revision(error.notes)
+        ) from None
+    messages = {
+        name: one._replace(source=one.source._replace(path=in_revision(one.source.path)))
+        for name, one in loaded.facts.messages.items()
+    }
+    return LoadedDefinitions(
+        replace(loaded.facts, messages=messages), loaded.search, [*notes, *map(in_revision, loaded.notes)]
+    )
+
+
+def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.type_loading.class_lookup import registry_of_text
+    from rosidl_py_gen.type_loading.from_description import definition_text
+
+    parts: list[tuple[str, DefinitionSet]] = []
+    notes: list[str] = []
+    with BagReader(path, search_path=[*paths]) as bag:
+        for channel in bag.channels:
+            try:
+                found = bag.definition(channel)
+                text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
+                name = split_ros_name(channel.type_name, "msg")
+                registry = registry_of_text(str(name), text)
+            except RosidlError as error:
+                notes.append(f"{path}: skipped {channel.name} [{channel.type_name}]: {error}")
+                continue
+            if not found.is_recorded:
+                notes.append(f"{path}: {channel.type_name} is defined by {found.origin}, selected only by its name")
+            parts.append((channel.name, as_recorded(collect_with_dependencies(registry, registry.owner(name) or name))))
+    try:
+        return LoadedDefinitions(merge(parts), None, notes)
+    except RosidlError as error:
+        advice = "`rosidl-py bag convert --topics` makes a bag of one of them"
+        raise SourceError(f"{path}: {error}; {advice}") from None
+
+
+def types_of_node(name: str, timeout_s: float) -> tuple[DefinitionSet, list[str]]:
+    """Return the definitions of the types that a running node uses, and notes about skipped types.
+
+    Raises `SourceError` if the node is not found in time or describes no type, and KeyboardInterrupt after a signal.
+    """
+    from rosidl_py_gen.runtime import Node, run
+
+    async def request() -> tuple[DefinitionSet, list[str]]:
+        options: dict[str, Any] = {"enable_rosout": False, "start_services": False, "parameter_events": False}
+        async with Node(f"_rosidl_py_gen_{os.getpid()}", **options) as node:
+            return await definitions_of_node(node, name, timeout_s)
+
+    result = run(request())
+    if result is None:  # a signal
+        raise KeyboardInterrupt
+    return result
+
+
+async def definitions_of_node(node: Node, robot: str, timeout_s: float) -> tuple[DefinitionSet, list[str]]:
+    """Return the definitions of the types that the node `robot` uses, and notes.
+
+    The local node `node` sends the requests.
+    """
+    import asyncio
+
+    from rosidl_py_gen.runtime import WaitTimeoutError
+
+    try:
+        await node.wait_for_node(robot, timeout_s)
+    except WaitTimeoutError as error:
+        raise SourceError(str(error)) from None
+    before = None
+    while (now := _used_types(node, robot)) != before:
+        before = now
+        await asyncio.sleep(_DISCOVERY_INTERVAL_S)
+    return await _request_types(node, robot, now)
+
+
+def _used_types(node: Node, full_name: str) -> dict[str, dict[str, str]]:
+    """Return the types that a node uses, by kind (msg, srv, action), with a topic, service or action of each type."""
+    namespace, _, name = full_name.rpartition("/")
+    namespace = namespace or "/"
+    found: dict[str, dict[str, str]] = {"msg": {}, "srv": {}, "action": {}}
+    topics = [
+        *node.get_publisher_names_and_types_by_node(name, namespace),
+        *node.get_subscriber_names_and_types_by_node(name, namespace),
+    ]
+    services = [
+        *node.get_service_names_and_types_by_node(name, namespace),
+        *node.get_client_names_and_types_by_node(name, namespace),
+    ]
+    for kind, entries in (("msg", topics), ("srv", services)):
+        for entry, types in entries:
+            action, hidden, _ = entry.partition(_HIDDEN)
+            for one in types:
+                if not hidden and not entry.endswith(_EVENTS):
+                    found[kind].setdefault(one, entry)
+                elif hidden and "/action/" in one:  # A_SendGoal, A_GetResult or A_FeedbackMessage
+                    found["action"].setdefault(one.rpartition("_")[0], action)
+    return found
+
+
+async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]) -> tuple[DefinitionSet, list[str]]:
+    import asyncio
+
+    parts: list[tuple[str, DefinitionSet]] = []
+    notes: list[str] = []
+    for kind, entries in used.items():
+        for type_name, entry in sorted(entries.items()):
+            try:
+                if kind == "msg":
+                    answer = await node.get_type_description(robot, type_name, timeout_s=_ANSWER_TIMEOUT_S)
+                    facts = await asyncio.to_thread(_from_description, type_name, answer)
+                else:
+                    resolve = node.resolve_service_type if kind == "srv" else node.resolve_action_type
+                    cls: type[Any] = await resolve(entry, type_name, timeout_s=_ANSWER_TIMEOUT_S)
+                    facts = await asyncio.to_thread(_from_class, type_name, cls)
+            except RosidlError as error:
+                notes.append(f"{robot}: skipped {type_name} of {entry}: {error}")
+                continue
+            parts.append((f"{entry} of {robot}", facts))
+    if notes and not parts:
+        raise SourceError(f"{robot} describes none of its types: {notes[0]}")
+    if used["srv"] or used["action"]:
+        notes.append(
+            f"{robot}: constants of services and actions are unknown, and defaults may be those of this installation"
+        )
+    return merge(parts), notes
+
+
+def _from_description(type_name: str, answer: Any) -> DefinitionSet:
+    """Return the definitions that another node has sent.
+
+    Raises `SourceError` if they are of another type or too large.
+    """
+    if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
+        raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
+    description = to_dict(answer.type_description)
+    name = split_ros_name(type_name)
+    if (other := description["type_description"]["type_name"]) != type_name:
+        raise SourceError(f"the answer describes another type: {other[:100]}")
+    sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
+    registry = registry_from_descriptions(name, individual_descriptions(description), sources)
+    if registry.type_hash(type_name) != rihs01(description):
+        raise SourceError("the answer describes types that do not belong to it")
+    return collect_with_dependencies(registry, registry.owner(name) or name)
+
+
+def _from_class(type_name: str, cls: type[Any]) -> DefinitionSet:
+    name = split_ros_name(type_name)
+    individuals = individual_descriptions(type_description(cls))
+    return collect_with_dependencies(
+        registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name
+    )
+
 
 _DEFAULT = ("data", "code")
 _SIGNS = {"added": "+", "removed": "-"}

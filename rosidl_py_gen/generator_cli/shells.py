@@ -23,7 +23,7 @@ from click.shell_completion import (
     split_arg_string,
 )
 
-from rosidl_py_gen.generator_cli.completion_callbacks import suggestions
+from rosidl_py_gen.generator_cli.command_line import suggestions
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import Package

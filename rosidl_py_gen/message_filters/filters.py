@@ -23,10 +23,9 @@ from types import CoroutineType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet, require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
-from rosidl_py_gen.base.waiters import Waiters, current_loop
+from rosidl_py_gen.base.waiters import Waiters, blocking, current_loop
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError, WouldDeadlockError
 

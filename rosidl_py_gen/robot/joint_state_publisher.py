@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.base.occurrences import is_logged
 from rosidl_py_gen.base.stamps import set_stamp
-from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.terminal_text import is_logged, pluralize
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, Mimic, parse_urdf, read_description, resolve_mimics

@@ -14,7 +14,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.occurrences import MAX_FIRST
+from rosidl_py_gen.base.terminal_text import MAX_FIRST
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger

@@ -171,7 +171,7 @@ def exit_on_error() -> Iterator[None]:
     try:
         yield
     except click_module().ClickException as error:
-        from rosidl_py_gen.generator_cli.diagnostics_output import usage_error_text
+        from rosidl_py_gen.generator_cli.command_line import usage_error_text
 
         click_module().echo(printable_lines(usage_error_text(error)), err=True)
         sys.exit(error.exit_code)

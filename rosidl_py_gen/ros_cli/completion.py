@@ -18,7 +18,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import KINDS
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
-from rosidl_py_gen.generator_cli.completion_callbacks import suggestions
+from rosidl_py_gen.generator_cli.command_line import suggestions
 from rosidl_py_gen.ros_cli import root, verb
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
-from rosidl_py_gen.generator_cli.distro_option import distro
+from rosidl_py_gen.generator_cli.command_line import distro, lazy_completion
 from rosidl_py_gen.ros_cli import AsyncCommand, verb
 from rosidl_py_gen.ros_cli.command_support import CommandError
 

@@ -28,7 +28,7 @@ from rosidl_py_gen.base.field_columns import MAX_COLUMNS, VARIABLE_LENGTH, is_ti
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.cdr.structured_layout import cached_per_class
+from rosidl_py_gen.cdr.structured_arrays import cached_per_class
 from rosidl_py_gen.cdr.type_queries import constants, referenced_classes
 from rosidl_py_gen.tables.arrow import from_buffers, from_numpy, pa
 

@@ -32,8 +32,7 @@ from rosidl_py_gen.cdr.layout import (
     align_offset,
     align_up,
 )
-from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
-from rosidl_py_gen.cdr.structured_layout import cached_per_class
+from rosidl_py_gen.cdr.structured_arrays import cached_per_class, find_structured_codec
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow_columns import Kind, nodes_of

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from rosidl_py_gen import encode, get_message
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
-from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.base.waiters import Waiters, blocking
 from rosidl_py_gen.message_filters.filters import NoNodeScope, call_all
 from rosidl_py_gen.runtime import ClosedError, Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.frame_tree import (

@@ -24,13 +24,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, selected
-from rosidl_py_gen.base.generated_classes import (
-    MSGS_PACKAGE,
-    PREGENERATED_PACKAGE,
-    has_installed_ros_packages,
-    is_generated,
-)
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
+from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, has_installed_ros_packages, is_generated
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError, display_path
@@ -39,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from importlib.machinery import ModuleSpec
 
-    from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 T = TypeVar("T")
@@ -499,7 +494,7 @@ def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> typ
     cls = find(registry, name)
     if cls is not None:  # the compiler is not needed
         return cls
-    from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
 
     planner = LayoutPlanner(registry.message)
 
@@ -539,8 +534,7 @@ def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> 
 def _compile(
     registry: InterfaceRegistry, name: RosName, planner: LayoutPlanner, get_class: Callable[[RosName], type]
 ) -> type:
-    from rosidl_py_gen.compiler.codegen.module_sources import module_source
-    from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
+    from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, module_source
     from rosidl_py_gen.compiler.frontend.model import messages_of
 
     global _compilations

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.callbacks import Registration
 from rosidl_py_gen.base.distributions import DistributionChoice, selected
-from rosidl_py_gen.base.generated_classes import is_generated
-from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, RosName
+from rosidl_py_gen.base.package_repositories import download_note
+from rosidl_py_gen.base.resources import is_generated
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ class _Finder(Loader):
         override_installed: bool,
         choice: DistributionChoice,
     ) -> None:
-        from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
+        from rosidl_py_gen.compiler.frontend.search_path import Workspace, workspace_around
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
         from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 

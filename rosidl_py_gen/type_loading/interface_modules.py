@@ -18,7 +18,7 @@ from rosidl_py_gen.type_loading.class_lookup import get_named_class
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
@@ -123,9 +123,8 @@ class Interfaces:
         return self._digests[interface]
 
     def _compiled(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
-        from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
-        from rosidl_py_gen.compiler.codegen.module_sources import module_source
-        from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
+        from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
+        from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, module_source
         from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
 
         if self._registry is None or self._planner is None:

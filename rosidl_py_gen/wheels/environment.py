@@ -1,30 +1,176 @@
 """Installation of message packages into this Python environment by pip, or by uv if the environment has no pip.
 
-Without ``--force``, an installation is refused if it conflicts with a package of another tool or with a ROS
-installation, and a package with modified files is not uninstalled.
+`find_installer` returns the program. Without ``--force``, an installation is refused if it conflicts with a package of
+another tool or with a ROS installation, and a package with modified files is not uninstalled.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import os
 import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
 from importlib.metadata import Distribution, distributions
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.generated_classes import is_generated
-from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.wheels.build import build
-from rosidl_py_gen.wheels.installer import find_installer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+
+_MAX_OUTPUT_CHARS = 2000
+"""Maximum number of characters of a failed installer's output that an error text quotes."""
+_EPHEMERAL = "extends-environment"
+"""Key of pyvenv.cfg that marks the temporary environments of ``uv run --with``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Installer:
+    """Program that installs packages into this Python environment: pip or uv."""
+
+    name: str
+    _install: tuple[str, ...]
+    """Command line that installs wheels; the paths of the wheels are appended."""
+    _uninstall: tuple[str, ...]
+    """Command line that uninstalls distributions; their names are appended."""
+    _require: tuple[str, ...]
+    """Command line that installs requirements from the user's package index; the requirements are appended."""
+    _unpack: tuple[str, ...]
+    """Command line that downloads wheels from the user's package index; `unpack` appends target and requirements."""
+
+    def install(self, *wheels: Path) -> None:
+        """Install wheels without their dependencies; raises `OutputError` with the output of pip or uv on failure."""
+        self._run("install", *self._install, *map(str, wheels))
+
+    def require(self, *requirements: str) -> None:
+        """Install requirements from the user's package index.
+
+        Raises `OutputError` with the output of pip or uv on failure.
+        """
+        self._run("install", *self._require, *requirements)
+
+    def uninstall(self, *distributions: str) -> None:
+        """Uninstall distributions by name; raises `OutputError` with the output of pip or uv on failure."""
+        self._run("uninstall", *self._uninstall, *distributions)
+
+    def unpack(self, requirements: Path, target: Path, python: str, abi: str, platform: str) -> None:
+        """Download wheels for another Python version or platform, and unpack them into the folder `target`.
+
+        Args:
+            requirements: requirements.txt with a SHA-256 for each requirement.
+            target: folder that pip or uv creates.
+            python: version of Python, such as 3.13.
+            abi: tag of the ABI, such as cp313; uv ignores it and uses the ABI of this interpreter with `python`.
+            platform: tag of the platform, such as win_amd64; uv ignores it and uses the platform of this machine.
+
+        Raises:
+            OutputError: pip or uv failed, as without network or with a wrong SHA-256; the text quotes its output.
+        """
+        tags = () if self.name == "uv" else (f"--abi={abi}", *(f"--platform={one}" for one in platform.split(".")))
+        self._run(
+            "install",
+            *self._unpack,
+            f"--python-version={python}",
+            *tags,
+            "--target",
+            str(target),
+            "-r",
+            str(requirements),
+        )
+
+    def _run(self, action: str, *command: str) -> None:
+        # In an empty folder: ``python -m`` imports modules of the current folder first.
+        with TemporaryDirectory(prefix="rosidl-py-gen-empty-") as empty:
+            done = subprocess.run(command, cwd=empty, capture_output=True, text=True, check=False)
+        if not done.returncode:
+            return
+        output = done.stderr.strip() or done.stdout.strip()
+        if "externally" in output and "managed" in output:
+            raise OutputError(
+                f"the packages of {sys.executable} are managed by the system (PEP 668), so {self.name} refuses to "
+                f"{action}; use a virtual environment: `python3 -m venv .venv && . .venv/bin/activate`"
+            )
+        raise OutputError(f"{self.name} {action} failed: {output[-_MAX_OUTPUT_CHARS:]}")
+
+
+def find_installer() -> Installer:
+    """Return an installer: pip of this environment, else uv.
+
+    Raises `OutputError` if both are missing, or in a temporary environment.
+    """
+    if _is_ephemeral():
+        raise OutputError(
+            f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
+            "environment of your own, such as `uv venv` makes"
+        )
+    if find_spec("pip") is not None:
+        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input")
+        return Installer(
+            "pip",
+            (*pip, "install", "--no-deps", "--no-index", "--force-reinstall"),
+            (*pip, "uninstall", "--yes"),
+            (*pip, "install"),
+            (*pip, "install", "--no-deps", "--only-binary=:all:", "--require-hashes"),
+        )
+    if uv := _uv():
+        # Without a cache: uv links installed files to it, and a change of one would return with the next installation.
+        of_this = "--python", sys.executable, "--no-cache"
+        return Installer(
+            "uv",
+            (
+                *uv,
+                "pip",
+                "install",
+                *of_this,
+                "--no-deps",
+                "--no-index",
+                "--offline",
+                "--reinstall",
+                "--link-mode=copy",
+            ),
+            (*uv, "pip", "uninstall", *of_this),
+            (*uv, "pip", "install", "--python", sys.executable),
+            (*uv, "pip", "install", "--python", sys.executable, "--no-deps", "--only-binary=:all:", "--require-hashes"),
+        )
+    raise OutputError(
+        f"the environment {sys.prefix} has no pip, and there is no uv on PATH; expected one of them. "
+        f"`{shlex.quote(sys.executable)} -m ensurepip` adds pip. Or make wheels with `rosidl-py-gen wheel --out dist` "
+        "and install those with the tool of the environment"
+    )
+
+
+def _uv() -> tuple[str, ...]:
+    """Return the command that runs uv, as a tuple of words: uv of this environment, else uv on PATH.
+
+    Returns () if uv is not installed.
+    """
+    if find_spec("uv") is not None:
+        return sys.executable, "-m", "uv"
+    # Programs of the current folder, which Windows searches as well, and of relative folders are not trusted.
+    folders = [one for one in os.get_exec_path() if os.path.isabs(one)]
+    found = shutil.which("uv", path=os.pathsep.join(folders))
+    return () if found is None or os.path.dirname(os.path.abspath(found)) == os.getcwd() else (found,)
+
+
+def _is_ephemeral() -> bool:
+    try:
+        text = Path(sys.prefix, "pyvenv.cfg").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return any(line.partition("=")[0].strip() == _EPHEMERAL for line in text.splitlines())
+
 
 _MAX_LISTED = 10
 

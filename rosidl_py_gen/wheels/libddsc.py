@@ -21,7 +21,7 @@ from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, DdscLibrary, LibraryWheel
 from rosidl_py_gen.wheels.build import write_wheel
-from rosidl_py_gen.wheels.installer import find_installer
+from rosidl_py_gen.wheels.environment import find_installer
 
 if TYPE_CHECKING:
     import os

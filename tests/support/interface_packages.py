@@ -15,9 +15,8 @@ from pathlib import Path
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
-from rosidl_py_gen.compiler.codegen.module_sources import module_source
-from rosidl_py_gen.compiler.codegen.template_model import Target
+from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
+from rosidl_py_gen.compiler.codegen.module_sources import Target, module_source
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics

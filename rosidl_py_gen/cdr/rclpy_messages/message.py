@@ -1,29 +1,295 @@
-"""Base classes of messages, services and actions that behave like the classes of a ROS installation.
+"""Base classes of messages, services and actions that behave like the classes of a ROS installation, and their fields.
+
+Fields have names, IDL types, slots and defaults. Values that programs assign are converted, and checked by the rules
+and with the error texts of rclpy for ROS_PYTHON_CHECK_FIELDS=1. These checks differ from the checks of encoding: an int
+is not a float, and a set may be a sequence.
 
 Source: the message classes that rosidl_generator_py of Jazzy generates; `tests/peers/rclpy_messages` compares both.
 """
 
 from __future__ import annotations
 
+import math
+import os
+from array import array
+from collections import UserList, UserString
+from collections.abc import Callable, Sequence, Set
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
+from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, short_repr
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service
-from rosidl_py_gen.cdr.rclpy_messages.fields import (
-    CHECK,
-    IDL_NAMES,
-    FieldSlot,
-    field_slot,
-    from_plain,
-    idl_text,
-    property_of,
-    to_plain,
-)
+from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes, to_array
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
+
+_MAX_FLOAT = {"f": 3.402823466e38, "d": 1.7976931348623157e308}
+_NOUNS = {"f": "float", "d": "double"}
+
+
+def check(field: Field, value: Any) -> bool:
+    """Check a value before it is assigned to a field; raise AssertionError with rclpy's text if the value is invalid.
+
+    Returns True if the value is to be stored unchanged, because it is a scalar or an array of the right type, and False
+    if it must be converted.
+    """
+    if field.type.arity is Arity.SCALAR:
+        _check_scalar(field, value)
+        return True
+    return _is_right_array(field, value) or _check_many(field, value)
+
+
+def _require(ok: bool, text: str) -> None:
+    if not ok:
+        raise AssertionError(text)
+
+
+def _check_scalar(field: Field, value: Any) -> None:
+    name, kind = field.py_name, field.type
+    if field.cls is not None:
+        cls = field.cls
+        _require(isinstance(value, cls), f"The '{name}' field must be a sub message of type '{cls.__name__}'")
+    elif kind.string_bound:
+        text = f"The '{name}' field must be string value not longer than {kind.string_bound}"
+        _require(isinstance(value, (str, UserString)) and len(value) <= kind.string_bound, text)
+    elif kind.base == "byte":
+        text = f"The '{name}' field must be of type 'bytes' or 'ByteString' with length 1"
+        _require(isinstance(value, (bytes, bytearray)) and len(value) == 1, text)
+    else:
+        python = _python_type(field)
+        _require(isinstance(value, python), f"The '{name}' field must be of type '{python.__name__}'")
+        code = _number_code(kind)
+        if code:
+            _require(_is_in_range(value, code), f"The '{name}' field must be {_range_text(code)}")
+
+
+def _range_text(code: str) -> str:
+    if code in _MAX_FLOAT:
+        return f"a {_NOUNS[code]} in [{-_MAX_FLOAT[code]!r}, {_MAX_FLOAT[code]!r}]"
+    low, high = INTEGER_RANGES[code]
+    return f"an {'integer' if low else 'unsigned integer'} in [{low}, {high}]"
+
+
+def _number_code(kind: FieldType) -> str:
+    return kind.primitive.code if kind.primitive is not None and kind.base not in ("byte", "bool") else ""
+
+
+def _python_type(field: Field) -> type:
+    kind = field.type
+    if field.cls is not None:
+        return field.cls
+    types = {"bool": bool, "int": int, "float": float}
+    return bytes if kind.base == "byte" else types[kind.primitive.python] if kind.primitive is not None else str
+
+
+def _is_in_range(value: Any, code: str) -> bool:
+    if code in _MAX_FLOAT:
+        return not (value < -_MAX_FLOAT[code] or value > _MAX_FLOAT[code]) or math.isinf(value)
+    low, high = INTEGER_RANGES[code]
+    return bool(low <= value <= high)
+
+
+def _is_right_array(field: Field, value: Any) -> bool:
+    """Return True for an array of numbers of the field's type and size, and False if the value is not an array.
+
+    Raises AssertionError for an array of another type or size.
+    """
+    name, kind, code = field.py_name, field.type, _number_code(field.type)
+    if not code:
+        return False
+    if kind.arity is Arity.ARRAY:
+        if not isinstance(value, np.ndarray):
+            return False
+        dtype = DTYPES[code].name
+        text = f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype}'"
+        _require(value.dtype == DTYPES[code], text)
+        _require(value.size == kind.capacity, f"The '{name}' numpy.ndarray() must have a size of {kind.capacity}")
+        return True
+    if not isinstance(value, array):
+        return False
+    _require(value.typecode == code, f"The '{name}' array.array() must have the type code of '{code}'")
+    if kind.arity is Arity.BOUNDED:
+        _require(len(value) <= kind.capacity, f"The '{name}' array.array() must have a size <= {kind.capacity}")
+    return True
+
+
+def _check_many(field: Field, value: Any) -> bool:
+    """Check a collection that is not an array for a field; raise AssertionError if it is invalid.
+
+    Returns False, which means that the collection must be converted before it is stored.
+    """
+    kind, python, code = field.type, _python_type(field), _number_code(field.type)
+    lengths = {Arity.ARRAY: f" with length {kind.capacity}", Arity.BOUNDED: f" with length <= {kind.capacity}"}
+    text = f"The '{field.py_name}' field must be a set or sequence{lengths.get(kind.arity, '')} and each value of type "
+    text += f"'{python.__name__}'"
+    if code in _MAX_FLOAT:
+        text += f" and each {_NOUNS[code]} in [{-_MAX_FLOAT[code]:f}, {_MAX_FLOAT[code]:f}]"
+    elif code:
+        text += f" and each {_range_text(code).removeprefix('an ')}"
+    is_sequence = isinstance(value, (Sequence, Set, UserList, array)) and not isinstance(value, (str, UserString))
+    _require(is_sequence, text)
+    _require(kind.arity is not Arity.ARRAY or len(value) == kind.capacity, text)
+    _require(kind.arity is not Arity.BOUNDED or len(value) <= kind.capacity, text)
+    _require(all(isinstance(item, python) for item in value), text)
+    _require(not code or all(_is_in_range(item, code) for item in value), text)
+    return False
+
+
+CHECK = os.environ.get("ROS_PYTHON_CHECK_FIELDS") == "1"
+_ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
+_RESERVED = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
+"""Names of fields whose storage attribute, the name with an underscore, would replace a method of the message classes.
+"""
+
+IDL_NAMES = {
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+    "float32": "float",
+    "float64": "double",
+    "idl_char": "char",
+}
+"""Names of primitives in IDL that differ from those in .msg files."""
+
+
+def slot_name(name: str) -> str:
+    """Return the name of the attribute that stores a field in a message class of rclpy's API, given the field's Python
+    name.
+    """
+    return f"_{name}_" if name in _RESERVED else f"_{name}"
+
+
+def idl_text(kind: FieldType) -> str:
+    """Return the type of a field in the form that `get_fields_and_field_types` returns, such as
+    ``sequence<std_msgs/Header, 3>``.
+    """
+    if kind.is_message:
+        package, _, name = kind.base.split("/")
+        text = f"{package}/{name}"
+    else:
+        text = IDL_NAMES.get(kind.base, kind.base) + (f"<{kind.string_bound}>" if kind.string_bound else "")
+    match kind.arity:
+        case Arity.ARRAY:
+            return f"{text}[{kind.capacity}]"
+        case Arity.BOUNDED:
+            return f"sequence<{text}, {kind.capacity}>"
+        case Arity.UNBOUNDED:
+            return f"sequence<{text}>"
+        case _:
+            return text
+
+
+class FieldSlot(NamedTuple):
+    """Field of a message class of rclpy's API, with the functions that read and assign it.
+
+    Attributes:
+        get, put: descriptor functions of the slot, without conversion.
+        default: function that returns the value in a new message.
+        convert: function that converts an assigned value; None stores it unchanged.
+        array_code: type code of a sequence of numbers that constructors convert before they assign it.
+    """
+
+    field: Field
+    get: Callable[[Any], Any]
+    put: Callable[[Any, Any], None]
+    default: Callable[[], Any]
+    convert: Callable[[Any], Any] | None
+    array_code: str
+
+
+def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
+    """Return the functions that read and assign a field of a message class of rclpy's API.
+
+    `default` is the default value in the definition, or None.
+    """
+    member = cls.__dict__[slot_name(field.py_name)]
+    kind = field.type
+    code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""
+    convert: Callable[[Any], Any] | None = None
+    is_sequence = kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
+    if code and kind.arity is not Arity.SCALAR:
+        convert = (lambda value: to_array(value, code)) if is_sequence else lambda value: np.array(value, DTYPES[code])
+    array_code = code if is_sequence and default is None else ""
+    return FieldSlot(field, member.__get__, member.__set__, _default(field, default, convert), convert, array_code)
+
+
+def _default(field: Field, default: Any, convert: Callable[[Any], Any] | None) -> Callable[[], Any]:
+    kind = field.type
+    if kind.arity is Arity.SCALAR:
+        if field.cls is not None:
+            return field.cls
+        value = default
+        if default is None:
+            value = b"\0" if kind.base == "byte" else _ZERO[kind.primitive.python] if kind.primitive else ""
+        return lambda: value
+    if convert is not None and kind.arity is Arity.ARRAY and default is None:
+        count, code = kind.capacity, kind.primitive.code if kind.primitive is not None else ""
+        return lambda: np.zeros(count, DTYPES[code])
+    if convert is not None:
+        return lambda: convert(default or ())
+    if default is not None:
+        return lambda: list(default)
+    if kind.arity is not Arity.ARRAY:
+        return list
+    if field.cls is not None:
+        cls = field.cls
+        return lambda: [cls() for _ in range(kind.capacity)]
+    value = b"\0" if kind.base == "byte" else False if kind.primitive is not None else ""
+    return lambda: [value] * kind.capacity
+
+
+def property_of(slot: FieldSlot) -> property:
+    """Return the property through which programs read and assign a field, with rclpy's checks and conversion."""
+    field, put, convert = slot.field, slot.put, slot.convert
+
+    def assign(self: Any, value: Any) -> None:
+        try:
+            checked = self._CHECK
+        except AttributeError:  # a received message
+            checked = CHECK
+        if (checked and check(field, value)) or convert is None:
+            put(self, value)
+        else:
+            put(self, convert(value))
+
+    return property(slot.get, assign, doc=f"Message field '{field.py_name}'.")
+
+
+# --- conversion between values of rclpy's messages and ours -----------------------------------------------------------
+
+
+def to_plain(slot: FieldSlot, value: Any) -> Any:
+    """Convert a field's value in a message of rclpy's API to the form of native classes: integers for bytes, lists for
+    collections.
+
+    Raises `FieldValueError` for a wrong element of type byte.
+    """
+    kind = slot.field.type
+    if kind.base == "byte":
+        if kind.arity is not Arity.SCALAR:
+            return joined_bytes(value)
+        if not isinstance(value, bytes) or len(value) != 1:
+            raise FieldValueError(f"expected bytes of length 1, found {short_repr(value)}")
+        return value[0]
+    return value if kind.arity is Arity.SCALAR or kind.primitive is not None else as_list(value)
+
+
+def from_plain(slot: FieldSlot, value: Any) -> Any:
+    """Convert a field's value from the form of native classes to the form of rclpy's API.
+
+    A value that does not fit stays unchanged; encoding the message then fails.
+    """
+    kind = slot.field.type
+    if kind.base == "byte":
+        if kind.arity is Arity.SCALAR:
+            return BYTES[value] if isinstance(value, int) and 0 <= value < 256 else value
+        return [BYTES[number] for number in value] if isinstance(value, np.ndarray) else value
+    if kind.base == "bool" and isinstance(value, np.ndarray):
+        return value.tolist()
+    return value if slot.convert is None else slot.convert(value)
 
 
 class RclpyMeta(type):

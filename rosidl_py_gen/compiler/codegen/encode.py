@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.layout import HEADER, HEADER_CODE, HEADER_VALUE, MAX_ALIGN, NUL
-from rosidl_py_gen.compiler.codegen import layout_ir as ir
-from rosidl_py_gen.compiler.codegen.naming import Locals, singular
+from rosidl_py_gen.compiler.codegen import layout_plan as ir
+from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plus
 
 if TYPE_CHECKING:

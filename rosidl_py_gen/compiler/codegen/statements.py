@@ -14,12 +14,12 @@ from struct import calcsize
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES
-from rosidl_py_gen.cdr.rclpy_messages.fields import slot_name
+from rosidl_py_gen.cdr.rclpy_messages.message import slot_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.compiler.codegen.naming import Imports
+    from rosidl_py_gen.compiler.codegen.python_text import Imports
 
 _NUMPY = {one.code: one.numpy.rstrip("_") for one in PRIMITIVES.values()}
 """Names of numpy types by struct code. Functions and dtypes in `cdr.support` contain these names."""

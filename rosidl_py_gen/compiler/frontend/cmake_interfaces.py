@@ -10,8 +10,8 @@ import os
 import posixpath
 from pathlib import Path
 
-from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.resources import is_generated
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, nested_types

@@ -1,17 +1,67 @@
-"""Files of one package folder and the interfaces that they define."""
+"""Files of one package folder: interfaces, package.xml, the limit of reading, and a record of what a search reads.
+
+A search passes each path to `note` before it is read, so that its result can be cached until one of them changes.
+
+The readers of CMakeLists.txt, package.xml, setup.py, setup.cfg and pyproject.toml share one `PackageBudget` for each
+package, which limits time and memory. A reader spends work before it does the work, so that a file of a few hundred
+bytes cannot request more. Each file of the package enlarges the budget. The budget is restored for another purpose,
+such as another file or the installation.
+
+Name, version and build type of a malformed package.xml are returned as far as they can be read, so that one file does
+not end the search of a workspace. The time is linear in the size of the file.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
+from contextvars import ContextVar
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from rosidl_py_gen.base.names import KINDS, RosName
-from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+Stamp = tuple[int, ...] | None
+"""State of a file or folder: times of change in ns, inode, and size; None if it does not exist."""
+_stamps = ContextVar[dict[str, Stamp] | None]("stamps", default=None)
+
+
+def stamp(path: str) -> Stamp:
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_ctime_ns, found.st_ino, found.st_size
+
+
+def note(path: str | os.PathLike[str]) -> None:
+    """Record the state of a file or folder, which may be missing, for a call of `recorded` that is running in this
+    thread.
+
+    Must be called before the file or folder is read.
+    """
+    stamps = _stamps.get()
+    if stamps is not None and (text := os.path.abspath(path)) not in stamps:
+        stamps[text] = stamp(text)
+
+
+def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
+    """Run a search.
+
+    Returns the states of all paths that the search has passed to `note` in this thread, and the search's result.
+    """
+    stamps: dict[str, Stamp] = {}
+    token = _stamps.set(stamps)
+    try:
+        return stamps, search()
+    finally:
+        _stamps.reset(token)
+
 
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators|interface_packages)\b", re.IGNORECASE)
 IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
@@ -130,3 +180,140 @@ def read_text(folder: Path, name: str) -> str:
     if len(raw) > MAX_BYTES:
         raise UnreadableError(f"the file is longer than {MAX_BYTES} bytes")
     return raw.decode(errors="replace").replace("\0", "\ufffd")
+
+
+_MAX_WORK = 2_000_000
+"""Maximum work for reading one package, measured in characters of values and names; the maximum takes Python about 1 s.
+"""
+_ACCESS_WORK = 500
+"""Work that one access to a file or folder counts as, in characters of text; the access takes at least one system call.
+"""
+_ENTRY_WORK = 20
+"""Work that reading one directory entry counts as, in characters of text."""
+_STEP_WORK = 8
+"""Work that one command, statement or expression counts as, in characters of text, in addition to the characters of its
+value."""
+_LINK_WORK = 60
+"""Work that installing one file of the package as a link counts as, in characters of text."""
+_CREATION_WORK = 1000
+"""Work that creating one installed file that does not come from the package counts as, in characters of text."""
+_OWN_FILE_WORK = 1200
+"""Work, in characters of text, by which each file of a package enlarges the package's budget: for one test of the file,
+and for computing its paths."""
+_MAX_OWN_FILES = 20_000
+"""Maximum number of files of a package that add work to its budget."""
+_T = TypeVar("_T")
+
+
+class BudgetError(UnreadableError):
+    """Error of a package whose reading would take more work than any package can need."""
+
+
+class PackageBudget:
+    """Remaining work for reading the files of one package.
+
+    A method that would spend more than remains raises `BudgetError`.
+    """
+
+    def __init__(self, work: int = _MAX_WORK) -> None:
+        self._work = self._start = work
+        self._folders: set[str] = set()
+        self._own_files = 0
+
+    def renew(self) -> None:
+        """Restore the initial work of the budget for another purpose, such as another file or the installation."""
+        self._work = max(self._work, self._start)
+
+    def entries(self, folder: str, scan: Iterable[_T]) -> Iterator[_T]:
+        """Yield the entries of a folder of the package.
+
+        When a folder is read for the first time, each entry enlarges the budget. `folder` is the real path: through
+        links, one folder could have many paths.
+        """
+        is_new = folder not in self._folders
+        self._folders.add(folder)
+        for entry in scan:
+            if is_new and self._own_files < _MAX_OWN_FILES:
+                self._own_files += 1
+                self._work += _OWN_FILE_WORK
+            yield entry
+
+    def spend(self, characters: int) -> None:
+        """Spend the work for reading or building values of this many characters."""
+        self._work -= characters + 1
+        if self._work < 0:
+            raise BudgetError("reading it takes more work than a package can need")
+
+    def matches(self, name: str, pattern: str) -> bool:
+        """Return `fnmatchcase(name, pattern)` after spending work for it.
+
+        Each star in the pattern may search the rest of the name.
+        """
+        self.spend(len(name) * len(pattern) // 20 if "*" in pattern else 0)
+        return fnmatchcase(name, pattern)
+
+    def access(self, entries: int = 0) -> None:
+        """Spend the work for one access to a file, or to a folder with this many entries."""
+        self.spend(_ACCESS_WORK + _ENTRY_WORK * entries)
+
+    def step(self) -> None:
+        """Spend the work for one command, expression or statement."""
+        self.spend(_STEP_WORK)
+
+    def install(self, place: str, *, is_new_source: bool) -> None:
+        """Spend the work for one installed file at the path `place`.
+
+        A second copy of a package file, and a file in a deep folder, cost more, because a short text can list many of
+        them.
+        """
+        depth = max(0, place.count("/") - 8)
+        self.spend(len(place) + (_LINK_WORK if is_new_source else _CREATION_WORK) + depth * _ACCESS_WORK)
+
+
+_START = re.compile(r"<(name|version|build_type)(?=[\s>])")
+
+
+class ManifestValues(NamedTuple):
+    """Name, version and build type of a package.xml; missing values are empty.
+
+    Attributes:
+        build_type: the build type for ROS 2; types with the condition `$ROS_VERSION == 1` are skipped.
+    """
+
+    name: str = ""
+    version: str = ""
+    build_type: str = ""
+
+
+def read_package_manifest(text: str) -> ManifestValues:
+    """Return name, version and build type from the text of a package.xml."""
+    found: dict[str, str] = {}
+    for tag, attributes, content in _elements(text):
+        is_of_ros_1 = tag == "build_type" and "ROS_VERSION==1" in "".join(attributes.split())
+        if content and not is_of_ros_1:
+            found.setdefault(tag, content)
+    return ManifestValues(**found)
+
+
+def _elements(text: str) -> Iterator[tuple[str, str, str]]:
+    """Yield tag, attributes and text of each XML element of a package.xml whose tag the reader uses."""
+    text = _without_comments(text)
+    position = 0
+    while start := _START.search(text, position):
+        close = text.find(">", start.end())
+        position = text.find("<", close)
+        if close < 0 or position < 0:
+            return
+        if text.startswith(f"</{start[1]}", position):
+            yield start[1], text[start.end() : close], text[close + 1 : position].strip()
+
+
+def _without_comments(text: str) -> str:
+    parts = []
+    position = 0
+    while (start := text.find("<!--", position)) >= 0:
+        parts.append(text[position:start])
+        position = text.find("-->", start) + 3
+        if position < 3:  # the comment has no end
+            return "".join(parts)
+    return "".join((*parts, text[position:]))

@@ -23,8 +23,7 @@ from rosidl_py_gen.base.descriptions import (
 )
 from rosidl_py_gen.base.names import INTERFACE_RULE, KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
-from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file, parse_interface, read_source
-from rosidl_py_gen.compiler.frontend.missing import missing_interface, missing_package
+from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import (
     IMPLIED,
     ActionDef,
@@ -36,7 +35,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     messages_of,
     nested_types,
 )
-from rosidl_py_gen.compiler.frontend.msg_parser import FOREIGN_TYPES
+from rosidl_py_gen.compiler.frontend.search_path import missing_interface, missing_package
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_LEVELS, SizeChecker
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError, display_path
 

@@ -1,4 +1,4 @@
-"""Search for interface packages and their files.
+"""Search for packages: interface packages of a search path, packages of a workspace, and texts for missing ones.
 
 Of packages with the same name, the first is used: from the folders of the caller, the prefixes of AMENT_PREFIX_PATH,
 wheels of message packages, and the bundled interfaces of a distribution. If the distribution was selected explicitly,
@@ -7,27 +7,36 @@ its bundled interfaces follow directly after the folders of the caller.
 The search reads only directory entries and names in package.xml; interface files and CMakeLists.txt are opened later. A
 folder msg, srv or action without interface files is not a package: Python packages and C++ headers have such folders.
 Virtual environments and build folders of CMake are skipped.
+
+A `Workspace` is the colcon workspace around a script or folder: all packages in it that have a package.xml. The error
+texts for missing packages and interfaces state where they were found instead, and why the search ignores them.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.distributions import DEFAULT, selected
-from rosidl_py_gen.base.generated_classes import ROS_PACKAGE_INDEX, has_installed_ros_packages
-from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
-from rosidl_py_gen.base.resources import ENTRY_POINTS
-from rosidl_py_gen.base.scanned_paths import note
-from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
-from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
-from rosidl_py_gen.compiler.frontend.package_manifest import read_package_manifest
-from rosidl_py_gen.errors import DefinitionError, Diagnostic
+from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
+from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, did_you_mean, is_package_name
+from rosidl_py_gen.base.package_repositories import download_note
+from rosidl_py_gen.base.resources import ENTRY_POINTS, ROS_PACKAGE_INDEX, has_installed_ros_packages, is_generated
+from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
+from rosidl_py_gen.compiler.frontend.package_files import (
+    BUILD_TREE_MARKERS,
+    IGNORE_MARKS,
+    mentions_interfaces,
+    note,
+    read_package_manifest,
+)
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -323,3 +332,238 @@ def package_name(manifest: Path, folder: Path) -> str:
     except OSError as error:
         raise DefinitionError(Diagnostic(str(manifest), 0, 0, f"cannot be read: {error.strerror or error}")) from error
     return read_package_manifest(text).name or Path(os.path.realpath(folder)).name
+
+
+MANIFEST = "package.xml"
+MAX_ENTRIES = 50_000
+"""Maximum number of directory entries that the search for a workspace's packages reads, which takes half a second.
+colcon has no limit, but a home folder or ``/`` may be searched. The search is breadth first."""
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Folder with packages, as colcon searches it.
+
+    Attributes:
+        folder: the folder ``src``, or the parent of a package that is not below ``src``.
+        depth: maximum depth of packages below `folder`; None for any depth, as colcon searches.
+        own: folder of a package that is preferred to other packages of its name.
+        holds_others: `folder` probably contains much besides packages.
+    """
+
+    folder: Path
+    depth: int | None = None
+    own: Path | None = None
+    holds_others: bool = False
+
+    @cached_property
+    def packages(self) -> dict[str, Path]:
+        """Folders of the workspace's packages by name; of two packages with one name, the less deep one."""
+        found: dict[str, Path] = {}
+        for name, folder in self.all_packages:
+            found.setdefault(name, folder)
+        return found
+
+    @property
+    def all_packages(self) -> list[tuple[str, Path]]:
+        """Names and folders of all packages in the workspace; several packages may have one name."""
+        return self._found[0]
+
+    @property
+    def limit_text(self) -> str:
+        """Message about a search of the workspace that stopped at `MAX_ENTRIES`; "" if the search was complete."""
+        if self._found[1]:
+            return ""
+        text = f"{display_path(self.folder)}: searched for packages only in the first {MAX_ENTRIES} files and folders"
+        return f"{text}; pass a smaller folder with --path, or put COLCON_IGNORE into folders without packages"
+
+    @cached_property
+    def _found(self) -> tuple[list[tuple[str, Path]], bool]:
+        """Names and folders of the packages in the workspace, and True if the search read all folders."""
+        found = [] if self.own is None else [(package_name(self.own / MANIFEST, self.own), self.own)]
+        visited: set[str] = set()
+        waiting = deque([(self.folder, 0)])
+        left = MAX_ENTRIES
+        while waiting:
+            folder, depth = waiting.popleft()
+            real = os.path.realpath(folder)  # links may form loops
+            if real in visited:
+                continue
+            visited.add(real)
+            entries = _readable_entries(folder)
+            names = {entry.name for entry in entries}
+            left -= len(entries)
+            if left < 0:
+                return found, False
+            is_copy = depth > 0 and not names.isdisjoint(BUILD_TREE_MARKERS)
+            if is_copy or not names.isdisjoint(IGNORE_MARKS):
+                continue
+            if MANIFEST in names:
+                found.append((package_name(folder / MANIFEST, folder), folder))
+            elif self.depth is None or depth < self.depth:
+                for entry in entries:
+                    if entry.name.startswith("."):
+                        continue
+                    if _is_folder(entry):
+                        waiting.append((folder / entry.name, depth + 1))
+                    elif entry.is_symlink():
+                        note(entry.path)
+        return found, True
+
+    @property
+    def roots(self) -> list[Path]:
+        """Folders that contain all packages: the workspace folder, or each package if the folder contains much else."""
+        return [*self.packages.values()] if self.holds_others or self.depth is not None else [self.folder]
+
+
+def package_around(place: Path) -> Path | None:
+    """Return the folder of the package that contains a file or folder: the nearest folder with a package.xml.
+
+    Returns None without such a folder.
+    """
+    above = [place, *place.parents] if place.is_dir() else [*place.parents]
+    return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
+
+
+def workspace_around(place: Path) -> Workspace | None:
+    """Return the workspace that contains a file or a folder; None for a script outside of packages.
+
+    The workspace is the folder ``src`` that contains the package, else the package and its siblings. For a folder
+    outside of packages, the workspace is its subfolder ``src``, else the folder itself.
+    """
+    package = package_around(place)
+    if package is not None:
+        source = next((folder for folder in package.parents if folder.name == "src"), None)
+        return Workspace(package.parent, 1, package) if source is None else Workspace(source)
+    if not place.is_dir():
+        return None
+    source = place if place.name == "src" else place / "src"
+    return Workspace(source) if source.is_dir() else Workspace(place, holds_others=True)
+
+
+def _readable_entries(folder: Path) -> list[os.DirEntry[str]]:
+    """Return the entries of a folder, sorted by name; [] for an unreadable folder, which is skipped."""
+    note(folder)
+    with suppress(OSError), os.scandir(folder) as entries:
+        return sorted(entries, key=lambda entry: entry.name)
+    return []
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    with suppress(OSError):  # a link to itself
+        return entry.is_dir()
+    return False
+
+
+MAX_FOLDERS = 2000
+"""Maximum number of folders that are searched to improve an error text, which takes 0.1 s; a large home folder has many
+more."""
+_NOT_SOURCES = ("build", "install", "log", "node_modules", "site-packages")
+
+
+class _Place(NamedTuple):
+    """Folder in which a missing package was found.
+
+    `mark` is the marker file that makes the search ignore the folder, or None.
+    """
+
+    folder: Path
+    mark: Path | None
+    has_interfaces: bool
+
+
+def missing_package(search: SearchPath, package: str, subject: str, type_name: str = "") -> str:
+    """Return an error text, beginning with `subject`, for a package that the search path lacks.
+
+    `type_name` is the full name of the interface that was requested; empty for the whole package.
+    """
+    where = f"(searched: {', '.join(search.searched) or 'nothing'})"
+    if note := other_distributions_note(package):
+        return f"{subject}{note} {where}"
+    searched = [Path(entry) for entry in search.searched if os.path.isdir(entry)]
+    here = Path()
+    for root in (*searched, *(root / "share" / package for root in searched), here):
+        place = _find(root, package)
+        if place is None:
+            continue
+        shown = display_path(place.folder)
+        if place.mark is not None:
+            return f"{subject}: {shown} is ignored because of {display_path(place.mark)}; remove that file {where}"
+        if not place.has_interfaces:
+            return f"{subject} with interfaces: {shown} has no .msg, .srv, .action or .idl file {where}"
+        if root is here:
+            return f"{subject} on the search path, but {shown} has it; use --path . {where}"
+    module = _generated_package(package)
+    if module is not None and type_name:
+        return f"{subject}: the importable package {display_path(module)} has no {type_name}; generate it again {where}"
+    if module is not None:
+        return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
+    named = (name for name in DISTRIBUTIONS if f"{BUNDLED} ({name})" in search.searched)
+    distro = next(named, DEFAULT if BUNDLED in search.searched else selected().name)
+    if note := download_note(package, distro):
+        return f"{subject} {where}. {note}"
+    return f"{subject}{did_you_mean(package, search.packages)} {where}"
+
+
+def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
+    """Return an error text for an interface that the search path lacks.
+
+    The text starts with `subject` if the package exists, otherwise it is about the missing package.
+    """
+    package = search.packages.get(name.package)
+    if package is None and name.package not in search.refused:
+        return missing_package(search, name.package, f'no package "{name.package}" for {name}', str(name))
+    known = [str(other) for one in search.packages.values() for other in one.files]
+    hint = (package.not_in_cmake_note(name) if package else "") or other_distributions_note(name.package, name)
+    hint = hint or did_you_mean(str(name), known)
+    return f"{subject}{hint} (searched: {', '.join(search.searched) or 'nothing'})"
+
+
+def _find(root: Path, package: str) -> _Place | None:
+    """Return the folder of a package below `root`.
+
+    Of several folders, preferably one that the search path does not ignore.
+    """
+    found: list[_Place] = []
+    waiting: list[tuple[Path, Path | None]] = [(root, None)]
+    for folder, above in waiting:  # grows inside the loop
+        try:
+            entries = {entry.name: entry for entry in os.scandir(folder)}
+        except OSError:
+            continue
+        mark = above or next((folder / name for name in IGNORE_MARKS if name in entries), None)
+        if folder != root and not entries.keys().isdisjoint(BUILD_TREE_MARKERS):
+            continue
+        is_package = "package.xml" in entries
+        if is_package or holds_interfaces(folder):
+            if _name(folder) == package:
+                found.append(_Place(folder, mark, _has_interfaces(package, folder, is_package)))
+            continue
+        for name in sorted(entries):
+            is_source = name[0] != "." and name not in _NOT_SOURCES and len(waiting) < MAX_FOLDERS
+            if is_source and entries[name].is_dir(follow_symlinks=False):
+                waiting.append((folder / name, mark))
+    return min(found, key=lambda place: (place.mark is not None, not place.has_interfaces), default=None)
+
+
+def _name(folder: Path) -> str:
+    try:
+        return package_name(folder / "package.xml", folder)
+    except DefinitionError:
+        return ""
+
+
+def _has_interfaces(package: str, folder: Path, from_source: bool) -> bool:
+    try:
+        return bool(Package(package, folder, "", from_source).files)
+    except DefinitionError:
+        return True
+
+
+def _generated_package(package: str) -> Path | None:
+    try:
+        spec = find_spec(package) if package.isidentifier() else None
+    except (ImportError, ValueError, AttributeError):
+        return None
+    folder = Path(spec.origin).parent if spec is not None and spec.origin else None
+    return folder if folder is not None and any(is_generated(folder / kind / "__init__.py") for kind in KINDS) else None

@@ -36,7 +36,7 @@ MAX_BYTES = 1 << 28
 
 _MAX_INLINE_FIELDS = 48
 """Maximum fields of a nested message that counts with its fields, not as one: at least
-`layout_planner.MAX_INLINE_FIELDS`."""
+`layout_plan.MAX_INLINE_FIELDS`."""
 
 
 class _TypeSize(NamedTuple):

@@ -22,7 +22,7 @@ from rosidl_py_gen.ros_cli.command_support import CommandError
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.compatibility.migration import MessagePlan, MigrationRules
+    from rosidl_py_gen.compiler.migration import MessagePlan, MigrationRules
 
 
 @dataclass(slots=True)
@@ -105,7 +105,7 @@ def migrate(
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
     from rosidl_py_gen.bags.copying import find_all_channels, omission_lines
-    from rosidl_py_gen.compiler.compatibility.migration import MigrationRules
+    from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.migration_rules import read_rules
@@ -177,7 +177,7 @@ def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
     """Return the conversion of each selected channel, by channel key; all failures are raised in one `CommandError`."""
-    from rosidl_py_gen.compiler.compatibility.migration import MigrationError
+    from rosidl_py_gen.compiler.migration import MigrationError
 
     definitions = _NewDefinitions(paths)
     problems: list[str] = []
@@ -197,7 +197,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags.definition_lookup import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
-    from rosidl_py_gen.compiler.compatibility.migration import fields_of, message_converter, plan
+    from rosidl_py_gen.compiler.migration import fields_of, message_converter, plan
     from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
 
     if channel.message_encoding != "cdr":

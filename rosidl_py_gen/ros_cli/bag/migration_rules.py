@@ -9,7 +9,7 @@ from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli.bag.yaml_tree import entries, is_null, parse, place, read_text, text, wrong
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.compatibility.migration import MigrationRules, RenameRule
+    from rosidl_py_gen.compiler.migration import MigrationRules, RenameRule
     from rosidl_py_gen.ros_cli.bag.yaml_tree import YamlNode
 
 _SECTIONS = ("types", "fields")
@@ -25,7 +25,7 @@ def read_rules(path: str) -> MigrationRules:
 
 def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
     """Parse a text with rules for ``bag migrate``. Raises `CommandError` with `name` and line if it is invalid."""
-    from rosidl_py_gen.compiler.compatibility.migration import MigrationRules, RenameRule
+    from rosidl_py_gen.compiler.migration import MigrationRules, RenameRule
 
     types: dict[str, RenameRule] = {}
     fields: dict[str, dict[str, RenameRule]] = {}

@@ -24,13 +24,11 @@ from urllib.request import Request, urlopen
 from zipfile import BadZipFile, ZipFile
 
 from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.message_packages import branch_of
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.python_packages import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, repository_of
+from rosidl_py_gen.base.package_repositories import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, branch_of, repository_of
 from rosidl_py_gen.base.resources import extra_requirements
 from rosidl_py_gen.base.terminal_text import print_next_step
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.compiler.frontend.workspace import Workspace
+from rosidl_py_gen.compiler.frontend.search_path import Workspace, scan_search_path
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
 from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.ros_cli import terminal_output
@@ -39,7 +37,7 @@ from rosidl_py_gen.ros_cli.prefix.package_plan import PROGRAM, PackagePlan
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 from rosidl_py_gen.wheels import environment
 from rosidl_py_gen.wheels.build import manifest_metadata, read_manifest, write_wheel
-from rosidl_py_gen.wheels.installer import Installer, find_installer
+from rosidl_py_gen.wheels.environment import Installer, find_installer
 
 ARCHIVE = "https://github.com/{repository}/archive/refs/heads/{branch}.zip"
 """Address of the archive of a repository's branch. git writes the hash of the commit as comment of the archive."""

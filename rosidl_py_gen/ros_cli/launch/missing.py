@@ -22,9 +22,8 @@ from typing import Any
 from xml.etree.ElementTree import ParseError
 
 from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.python_packages import install_note
+from rosidl_py_gen.base.package_repositories import download_note, install_note
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.command_support import CommandError, report

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.python_packages import install_command_of
+from rosidl_py_gen.base.package_repositories import install_command_of
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.compiler.frontend.package_files import files_below
 from rosidl_py_gen.errors import display_path

@@ -16,7 +16,7 @@ from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
 from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder, part_reason
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
-from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
+from rosidl_py_gen.compiler.frontend.search_path import MANIFEST, Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix import executables

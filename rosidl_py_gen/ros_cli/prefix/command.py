@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
-from rosidl_py_gen.generator_cli.distro_option import distro
+from rosidl_py_gen.generator_cli.command_line import distro
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
 

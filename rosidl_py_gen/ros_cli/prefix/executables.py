@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+from rosidl_py_gen.compiler.frontend.package_files import PackageBudget, UnreadableError, read_text
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.command_support import CommandError

@@ -17,12 +17,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rosidl_py_gen.base.names import is_package_name
-from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, mentions_interfaces, read_text
-from rosidl_py_gen.compiler.frontend.package_manifest import read_package_manifest
+from rosidl_py_gen.compiler.frontend.package_files import (
+    PackageBudget,
+    UnreadableError,
+    files_below,
+    mentions_interfaces,
+    note,
+    read_package_manifest,
+    read_text,
+)
 from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli.prefix import executables

@@ -17,8 +17,7 @@ from pathlib import Path
 from threading import Thread
 from typing import IO, Any
 
-from rosidl_py_gen.base.scanned_paths import Stamp, note, stamp
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
+from rosidl_py_gen.compiler.frontend.package_files import Stamp, UnreadableError, files_below, note, stamp
 from rosidl_py_gen.errors import RosidlError, display_path, printable
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.type_loading.scan_cache import cached

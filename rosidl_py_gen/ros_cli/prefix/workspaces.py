@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
+from rosidl_py_gen.compiler.frontend.search_path import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import workspace_packages

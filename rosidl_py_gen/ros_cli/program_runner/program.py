@@ -22,7 +22,7 @@ from types import ModuleType, TracebackType
 from typing import Any
 
 from rosidl_py_gen.base.names import KINDS, did_you_mean
-from rosidl_py_gen.base.python_packages import install_note
+from rosidl_py_gen.base.package_repositories import install_note
 from rosidl_py_gen.ros_cli.command_support import CommandError, report
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.runtime import RosArgumentError

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import RUN_PREFIX
-from rosidl_py_gen.base.scanned_paths import note
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
-from rosidl_py_gen.compiler.frontend.workspace import Workspace
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, note
+from rosidl_py_gen.compiler.frontend.search_path import Workspace
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.prefix.executable import Executable

@@ -13,9 +13,8 @@ import uuid
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.stamps import set_stamp
-from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.base.waiters import Waiters, blocking
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
 from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester

@@ -13,9 +13,8 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
 
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.waiters import complete_threadsafe
+from rosidl_py_gen.base.waiters import blocking, complete_threadsafe
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.entities.flow_control import PendingRequest, RequestTimedOutError
 from rosidl_py_gen.runtime.entities.service_common import (

@@ -14,7 +14,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
-from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import current_loop
@@ -26,6 +25,7 @@ from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_callable, start_task
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.values import ClockType, Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.transport.latch import Latch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine

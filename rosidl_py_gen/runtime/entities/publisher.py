@@ -12,8 +12,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity, entity_repr
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events

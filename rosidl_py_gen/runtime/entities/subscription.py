@@ -15,9 +15,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar, cast
 
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.base.waiters import Waiters, current_loop
+from rosidl_py_gen.base.waiters import Waiters, blocking, current_loop
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.entities.entity_scope import (
     QOS_HINT,

@@ -14,7 +14,7 @@ import threading
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.base.occurrences import is_logged
+from rosidl_py_gen.base.terminal_text import is_logged
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.message_types import class_of
 from rosidl_py_gen.runtime.graph.type_hashes import distribution_advice, type_hashes_differ
@@ -220,7 +220,7 @@ class TypeHashFilter(Generic[W]):
         """
         if self._other_hashes is None:
             from rosidl_py_gen.type_loading.class_lookup import find_class
-            from rosidl_py_gen.type_loading.distribution_types import other_hashes
+            from rosidl_py_gen.type_loading.from_description import other_hashes
 
             name, type_hash = self._type.ros_name, self._type.type_hash
             cls = class_of(name, type_hash)
@@ -241,7 +241,7 @@ class TypeHashFilter(Generic[W]):
         """Return True if data has the size of a message of the type, with the definition in use or the definition of a
         distribution.
         """
-        from rosidl_py_gen.type_loading.distribution_types import class_in, fits_exactly
+        from rosidl_py_gen.type_loading.from_description import class_in, fits_exactly
 
         assert self._cls is not None
         try:

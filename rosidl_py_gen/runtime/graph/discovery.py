@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.callbacks import RegistrationSet
-from rosidl_py_gen.base.occurrences import MAX_FIRST, is_logged
+from rosidl_py_gen.base.terminal_text import MAX_FIRST, is_logged
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch

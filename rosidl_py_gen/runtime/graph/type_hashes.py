@@ -44,7 +44,7 @@ def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple
 
     The result is empty if none has it.
     """
-    from rosidl_py_gen.type_loading.distribution_types import distributions_with
+    from rosidl_py_gen.type_loading.from_description import distributions_with
 
     try:
         if peer.type_hash and own.type_hash:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from rosidl_py_gen.base.blocking import blocking
+from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime.entities.message_types import message_type
 from rosidl_py_gen.runtime.lifecycle.state_machine import (

@@ -7,7 +7,7 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, overload
 
-from rosidl_py_gen.base.blocking import blocking
+from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type

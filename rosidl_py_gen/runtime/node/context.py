@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.distributions import command_distribution
 from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
-from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
 from rosidl_py_gen.runtime.entities.flow_control import RequestWindows
@@ -32,6 +31,7 @@ from rosidl_py_gen.runtime.names.validation import validate_enclave
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, find_security, middleware, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
+from rosidl_py_gen.runtime.transport.latch import Latch
 
 if TYPE_CHECKING:
     import asyncio

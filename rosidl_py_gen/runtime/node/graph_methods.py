@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.names import similar_name
+from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 from rosidl_py_gen.runtime.node.node_base import NodeBase

@@ -10,7 +10,6 @@ import asyncio
 import logging
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
-from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import current_loop
@@ -35,6 +34,7 @@ from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
 from rosidl_py_gen.runtime.node.sim_time import TimeMethods
 from rosidl_py_gen.runtime.node.type_methods import TypeMethods
+from rosidl_py_gen.runtime.transport.latch import Latch
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, as_profile
 
 if TYPE_CHECKING:

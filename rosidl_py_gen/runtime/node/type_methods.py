@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rosidl_py_gen.base.blocking import blocking
+from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
 from rosidl_py_gen.runtime.node.node_base import NodeBase

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, overload
 
-from rosidl_py_gen.base.blocking import blocking
+from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import (

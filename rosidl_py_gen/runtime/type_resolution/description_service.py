@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.generated_classes import PREGENERATED_PACKAGE
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import PREGENERATED_PACKAGE, interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable

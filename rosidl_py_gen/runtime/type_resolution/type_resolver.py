@@ -209,7 +209,7 @@ class TypeResolver:
                 passed.
         """
         from rosidl_py_gen.type_loading.class_lookup import find_named_class
-        from rosidl_py_gen.type_loading.distribution_types import find_class_of
+        from rosidl_py_gen.type_loading.from_description import find_class_of
 
         name, path = announcement.type_name, self._path
         reason = f"the nodes of {self._subject} announce no hash for {name}, as those of ROS 2 Humble do"

@@ -14,9 +14,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from rosidl_py_gen.base.scanned_paths import note
-from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
-from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH, read_text
+from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH, PackageBudget, note, read_text
 from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
 
 _MAGIC = re.compile(r"[*?[]")

@@ -1,4 +1,7 @@
-"""Install rules of a Python package: the arguments of setup.py, completed by setup.cfg and pyproject.toml."""
+"""Install rules of a Python package: the arguments of setup.py, completed by setup.cfg and pyproject.toml.
+
+INI files such as setup.cfg are parsed as `configparser` reads them, in time that is linear in the file's size.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,63 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rosidl_py_gen.base.scanned_paths import note
-from rosidl_py_gen.base.toml_text import parse_toml
-from rosidl_py_gen.compiler.frontend.package_budget import BudgetError, PackageBudget
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+from rosidl_py_gen.base.project import parse_toml
+from rosidl_py_gen.compiler.frontend.package_files import BudgetError, PackageBudget, UnreadableError, note, read_text
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.type_loading.setup_reader.ini_text import IniSyntaxError, parse_ini
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, SetupSyntaxError, read_setup_py
 from rosidl_py_gen.type_loading.setup_reader.values import Gap
+
+
+class IniSyntaxError(RosidlError):
+    """Error of a line in an INI file that is neither a section nor an option."""
+
+
+def parse_ini(text: str) -> dict[str, dict[str, str]]:
+    """Return the options of an INI file by section and name, with the lines of a value joined by line breaks.
+
+    Raises `IniSyntaxError` for a line that is neither a section nor an option.
+    """
+    sections: dict[str, dict[str, list[str]]] = {}
+    options: dict[str, list[str]] | None = None
+    lines: list[str] | None = None
+    indent = 0
+    for number, line in enumerate(text.split("\n"), 1):
+        stripped = line.strip()
+        if stripped.startswith(("#", ";")):
+            continue
+        if not stripped:
+            if lines is not None:
+                lines.append("")
+            continue
+        margin = len(line) - len(line.lstrip())
+        if lines is not None and margin > indent:
+            lines.append(stripped)
+            continue
+        indent = margin
+        if stripped.startswith("[") and "]" in stripped:
+            options = sections.setdefault(stripped[1 : stripped.rindex("]")], {})
+            lines = None
+            continue
+        name, value = _option(stripped)
+        if options is None:
+            raise IniSyntaxError(f"line {number}: got {stripped[:80]!r}; expected a section such as [install]")
+        if not name:
+            raise IniSyntaxError(f"line {number}: got {stripped[:80]!r}; expected NAME = VALUE")
+        lines = options[name] = [value]
+    return {
+        section: {name: "\n".join(lines).rstrip() for name, lines in values.items()}
+        for section, values in sections.items()
+    }
+
+
+def _option(line: str) -> tuple[str, str]:
+    """Return name and value of an option line in an INI file; both are "" if the line has no delimiter."""
+    positions = [position for position in (line.find("="), line.find(":")) if position >= 0]
+    if not positions:
+        return "", ""
+    return line[: min(positions)].strip(), line[min(positions) + 1 :].strip()
+
 
 _MAX_TOML = 64 << 10
 """Maximum characters of a pyproject.toml."""

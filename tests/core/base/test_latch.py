@@ -8,8 +8,8 @@ from functools import partial
 from support.parallel_threads import in_threads
 
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
-from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.runtime.transport.latch import Latch
 
 
 def test_only_the_first_call_sets_a_latch() -> None:

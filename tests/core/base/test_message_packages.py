@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from support.folders import ROOT
 
-from rosidl_py_gen.base import message_packages
+from rosidl_py_gen.base import package_repositories
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.message_packages import download_note
+from rosidl_py_gen.base.package_repositories import download_note
 
-FILE = Path(message_packages.__file__).with_name("message_packages.txt")
+FILE = Path(package_repositories.__file__).with_name("message_packages.txt")
 LINES = FILE.read_text(encoding="utf-8").splitlines()
 ROWS = [line.split() for line in LINES if not line.startswith("#")]
 PACKAGES = sorted({name for row in ROWS for name in row[5:]})
@@ -60,9 +60,9 @@ def test_download_note_has_branch_of_the_distribution_or_the_nearest_one(package
 
 def test_download_note_is_empty_for_unknown_package_or_missing_table(monkeypatch: pytest.MonkeyPatch) -> None:
     assert download_note("my_robot_msgs", "jazzy") == download_note("std_msgs", "jazzy") == ""
-    monkeypatch.setattr(message_packages, "TABLE_FILE", Path("/nowhere"))
-    message_packages.package_rows.cache_clear()
+    monkeypatch.setattr(package_repositories, "TABLE_FILE", Path("/nowhere"))
+    package_repositories.package_rows.cache_clear()
     try:
         assert download_note("control_msgs", "jazzy") == ""
     finally:
-        message_packages.package_rows.cache_clear()
+        package_repositories.package_rows.cache_clear()

@@ -13,7 +13,7 @@ from rosidl_py_gen.base.terminal_text import escape_json, json_text, printable_l
 PACKAGE = ROOT / "rosidl_py_gen"
 HOSTILE = "\x1b]0;t\x07\x9b2J\x7f\u202e\u2066\u200b\ufeff\ud800\U000e0041\x00\r"
 PRINTERS = {
-    "generator_cli/diagnostics_output.py": "the functions of this command line",
+    "generator_cli/command_line.py": "the functions of this command line",
     "generator_cli/__init__.py": "a progress bar without names",
     "generator_cli/regenerate.py": "for maintainers: paths of this package",
     "ros_cli/terminal_output.py": "the functions of this command line",

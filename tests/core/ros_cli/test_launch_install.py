@@ -12,9 +12,9 @@ from zipfile import ZipFile
 import pytest
 from support.interface_packages import write
 
-from rosidl_py_gen.base.python_packages import LAUNCH_PACKAGES, install_note
+from rosidl_py_gen.base.package_repositories import LAUNCH_PACKAGES, install_note
 from rosidl_py_gen.ros_cli.launch import install
-from rosidl_py_gen.wheels.installer import Installer
+from rosidl_py_gen.wheels.environment import Installer
 
 if TYPE_CHECKING:
     from collections.abc import Callable

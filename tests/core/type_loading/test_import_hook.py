@@ -360,7 +360,7 @@ def test_a_second_start_needs_no_compiler(definitions: Path) -> None:
         install_import_hook(message_api="rclpy", path=sys.argv[1])
         from hooked_msgs.msg import Path
         from hooked_msgs.action import Go
-        print([name for name in ("jinja2", "rosidl_py_gen.compiler.codegen.template_model") if name in sys.modules])
+        print([name for name in ("jinja2", "rosidl_py_gen.compiler.codegen.module_sources") if name in sys.modules])
     """
-    loaded = "['jinja2', 'rosidl_py_gen.compiler.codegen.template_model']\n"
+    loaded = "['jinja2', 'rosidl_py_gen.compiler.codegen.module_sources']\n"
     assert [python(program, definitions).stdout for _ in range(2)] == [loaded, "[]\n"]

@@ -11,9 +11,8 @@ import pytest
 from support.interface_packages import write
 
 from rosidl_py_gen.base.distributions import DistributionChoice
-from rosidl_py_gen.compiler.frontend import workspace as workspaces
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath
-from rosidl_py_gen.compiler.frontend.workspace import Workspace
+from rosidl_py_gen.compiler.frontend import search_path as workspaces
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.type_loading import scan_cache
 from rosidl_py_gen.type_loading.disk_cache import VARIABLE

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from support.setup_idioms import FILES, IMPORTS, TEXTS
 
-from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.compiler.frontend.package_files import PackageBudget
 from rosidl_py_gen.type_loading.setup_reader.setup_py import read_setup_py
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="paths of POSIX")

@@ -12,8 +12,8 @@ from support.interface_packages import write
 from support.processes import start_process
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.compiler.compatibility.definition_set import known_constants
-from rosidl_py_gen.generator_cli.diff_sources import SourceError, definitions_of_node
+from rosidl_py_gen.generator_cli.compare import known_constants
+from rosidl_py_gen.generator_cli.diff import SourceError, definitions_of_node
 
 if TYPE_CHECKING:
     from support.worlds import World

@@ -16,7 +16,7 @@ from rosidl_py_gen.generator_cli import main
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.library import LibraryWheel
 from rosidl_py_gen.wheels import libddsc
-from rosidl_py_gen.wheels.installer import Installer
+from rosidl_py_gen.wheels.environment import Installer
 
 PLATFORMS = {
     ("linux", "x86_64"): "cyclonedds-11.0.1-cp313-cp313-manylinux_2_17_x86_64.manylinux2014_x86_64.whl",

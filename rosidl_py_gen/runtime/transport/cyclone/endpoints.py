@@ -14,7 +14,6 @@ import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import get_logger
@@ -22,6 +21,7 @@ from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, Tra
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_NOT_CONSUMED, SAMPLE_WITH_DATA, address_of, pack_iov
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at, payload_array
+from rosidl_py_gen.runtime.transport.latch import Latch
 from rosidl_py_gen.runtime.transport.qos import QoSProfile, Reliability
 
 if TYPE_CHECKING:

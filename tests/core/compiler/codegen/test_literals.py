@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.example_counts import examples
 from support.interface_packages import assert_clean, write
 
-from rosidl_py_gen.compiler.codegen.python_literals import docstring, py_literal, py_string, visible
+from rosidl_py_gen.compiler.codegen.python_text import docstring, py_literal, py_string, visible
 
 NASTY = st.text(st.sampled_from("ab \"'\\\n\r\t\0\x1b{}%#é ハ😀\u2028\u202e\ufeff\x85nxuN01"), max_size=30)
 TEXT = st.one_of(st.text(max_size=40), NASTY)

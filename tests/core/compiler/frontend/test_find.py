@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from support.interface_packages import problems_of, write
 
-from rosidl_py_gen.base.generated_classes import GENERATED_HEADER
 from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import GENERATED_HEADER
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select, split_filter
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
@@ -364,7 +364,7 @@ def test_search_for_the_reason_of_a_missing_package_is_bounded(tmp_path: Path, m
     for number in range(60):
         (tmp_path / f"d{number}" / "e" / "f").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rosidl_py_gen.compiler.frontend.missing.MAX_FOLDERS", 20)
+    monkeypatch.setattr("rosidl_py_gen.compiler.frontend.search_path.MAX_FOLDERS", 20)
     visited: list[str] = []
     scan = os.scandir
     monkeypatch.setattr(os, "scandir", lambda place: visited.append(str(place)) or scan(place))

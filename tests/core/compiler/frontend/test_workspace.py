@@ -9,8 +9,8 @@ import pytest
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML
 
-from rosidl_py_gen.compiler.frontend import workspace
-from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
+from rosidl_py_gen.compiler.frontend import search_path
+from rosidl_py_gen.compiler.frontend.search_path import Workspace, workspace_around
 
 
 def packages(folder: Path, *places: str) -> None:
@@ -30,7 +30,7 @@ def test_packages_of_any_depth_are_found_except_in_packages_and_ignored_folders(
 def test_incomplete_search_is_reported_and_finds_the_nearest_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workspace, "MAX_ENTRIES", 20)
+    monkeypatch.setattr(search_path, "MAX_ENTRIES", 20)
     packages(tmp_path, "near", "many/files/far")
     write(tmp_path, {f"many/files/{number}": "" for number in range(30)})
     found = Workspace(tmp_path)

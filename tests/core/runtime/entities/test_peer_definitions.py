@@ -15,7 +15,7 @@ from rosidl_py_gen.msgs.distribution_hashes import HASHES
 from rosidl_py_gen.runtime import CallTimeoutError, SubscriptionEventCallbacks, WaitTimeoutError, qos
 from rosidl_py_gen.runtime.transport.api import NodesAnnounced
 from rosidl_py_gen.runtime.transport.memory import MemoryReader
-from rosidl_py_gen.type_loading import distribution_types
+from rosidl_py_gen.type_loading import from_description
 
 if TYPE_CHECKING:
     from support.worlds import World
@@ -184,7 +184,7 @@ def test_messages_between_all_pairs_of_distributions_are_dropped_and_named(
     subscription, publisher = bob.create_subscription(ours, "t"), alice.create_publisher(theirs, "t")
     publisher.publish(theirs())
     assert (subscription.take(), subscription.incompatible_dropped, subscription.undecodable) == (None, 1, 0)
-    distros = distribution_types.distributions_with(name, our_hash, their_hash)
+    distros = from_description.distributions_with(name, our_hash, their_hash)
     assert " ".join(distros) == HASHES[name][their_hash]
 
 
@@ -328,7 +328,7 @@ async def test_unreadable_definitions_of_other_distributions_are_logged(
     def fail(*_: object) -> None:
         raise DefinitionError.__new__(DefinitionError)
 
-    monkeypatch.setattr(distribution_types, "other_hashes", fail)
+    monkeypatch.setattr(from_description, "other_hashes", fail)
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)

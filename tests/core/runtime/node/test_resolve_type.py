@@ -18,7 +18,7 @@ from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
 from rosidl_py_gen.runtime.type_resolution import announcements
-from rosidl_py_gen.type_loading import class_lookup, distribution_types
+from rosidl_py_gen.type_loading import class_lookup, from_description
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -246,9 +246,9 @@ async def test_generated_class_uses_nested_humble_definitions_for_humble_node(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sonar: Any = compile_definition(f"sonar_msgs/msg/Generated{next(_numbers)}", "sensor_msgs/Range[] all")
-    monkeypatch.setattr(distribution_types, "find_named_class", lambda name, **_: sonar)
+    monkeypatch.setattr(from_description, "find_named_class", lambda name, **_: sonar)
     monkeypatch.setattr(class_lookup, "find_named_class", lambda name, **_: sonar)
-    monkeypatch.setattr(distribution_types, "find_installed_class", lambda name: sonar)
+    monkeypatch.setattr(from_description, "find_installed_class", lambda name: sonar)
     teller(memory, "robot", None).create_publisher(without_hash(sonar), "t")
     cls = await memory.node("asker").resolve_type("t", timeout_s=10)
     assert cls._TYPE.fields[0].cls is get_message("sensor_msgs/msg/Range", distro="humble")

@@ -1,6 +1,8 @@
-"""Output of `rosidl-py-gen`: text, diagnostics and notes, on a terminal and as JSON.
+"""Parts of a command line: printed text, diagnostics and notes, completion callbacks, and the option ``--distro``.
 
-All modules of the command line print by these functions, because names and texts of definitions are not trusted.
+`rosidl-py-gen` prints text and JSON by these functions, because names and texts of definitions are not trusted. Both
+command lines use the rest. Completion callbacks never raise, and import modules only when a shell completes: a shell
+would print a traceback into the line that is being typed, so an error of any kind results in no suggestions.
 """
 
 from __future__ import annotations
@@ -9,13 +11,20 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Sequence
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.base.distributions import NAMES, distribution_of_command
 from rosidl_py_gen.base.interrupts import BROKEN_PIPE
 from rosidl_py_gen.base.terminal_text import json_text, pluralize, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from click.shell_completion import CompletionItem
 
 
 def rows(problems: Iterable[Diagnostic]) -> list[dict[str, str | int]]:
@@ -119,3 +128,48 @@ def print_line(text: str, colour: str = "") -> None:
 def count(problems: Sequence[Diagnostic]) -> str:
     """Return the number of diagnostics as text, such as ``2 problems``."""
     return pluralize(len(problems), "problem")
+
+
+def lazy_completion(
+    module: str, function: str, *arguments: str
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Return a completion callback for a click parameter that calls a function of a module imported only then.
+
+    Args:
+        module: name of the module.
+        function: name of the function; called with `arguments`, the click context and the incomplete word.
+    """
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return suggestions(lambda: getattr(import_module(module), function)(*arguments, ctx, incomplete))
+
+    return complete
+
+
+def suggestions(find: Callable[[], list[Any]]) -> list[Any]:
+    """Call `find` and return its result; return an empty list if `find` raises an error or is interrupted."""
+    try:
+        return find()
+    except (Exception, KeyboardInterrupt, SystemExit):
+        return []
+
+
+DISTRIBUTION = click.Choice(NAMES, case_sensitive=False)
+"""Click type of a parameter that names a ROS 2 distribution."""
+
+
+def _select(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        ctx.with_resource(distribution_of_command(value))
+
+
+distro: Callable[[Any], Any] = click.option(
+    "--distro",
+    metavar="NAME",
+    type=DISTRIBUTION,
+    expose_value=False,
+    callback=_select,
+    help="ROS 2 distribution whose definitions are used: humble, jazzy, kilted or lyrical. [default: ROS_DISTRO, else "
+    "jazzy]",
+)
+"""Decorator that adds ``--distro``, the ROS 2 distribution whose definitions a command uses."""

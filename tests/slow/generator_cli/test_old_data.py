@@ -15,9 +15,8 @@ from support.reference_cdr import Reference
 
 from rosidl_py_gen import to_dict
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.compatibility.compare import compare
-from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, collect
 from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.generator_cli.compare import DefinitionSet, collect, compare
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

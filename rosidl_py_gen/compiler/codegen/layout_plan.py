@@ -1,16 +1,21 @@
-"""Planner of the CDR layout of a message, which also decides whether code for a nested message is inline or a call.
+"""Layout plan of a message: encoding steps in the order of the CDR data, with what is known of the alignment.
 
-The rules of CDR are in `cdr/layout.py`. This module applies them to fields. Encoder and decoder emit code for the
-planned steps and never count bytes. The size of generated code is proportional to the number of leaves, the fields of a
-message and of all its nested messages.
+The planner builds the plan, and decides whether code for a nested message is inline or a call. The rules of CDR are in
+`cdr/layout.py`; the planner applies them to fields. Encoder and decoder emit code for the planned steps and never count
+bytes. The size of generated code is proportional to the number of leaves, the fields of a message and of all its nested
+messages.
+
+Objects (the message itself, nested messages, loop elements) are numbered; a `Ref` is an attribute of one of them.
+Object 0 is the message.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
@@ -27,12 +32,232 @@ from rosidl_py_gen.cdr.layout import (
     known_modulus,
     min_element_size,
 )
-from rosidl_py_gen.compiler.codegen import layout_ir as ir
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.compiler.frontend.model import MessageDef
+
+
+class Ref(NamedTuple):
+    """Attribute `name` of the message object with the number `owner`; `path` is the field path in error messages."""
+
+    owner: int
+    name: str
+    path: str
+
+
+class Scalar(NamedTuple):
+    """Primitive value that is packed together with its neighbours by one struct call."""
+
+    ref: Ref
+    code: str
+    offset: int
+
+
+class FixedNumberArray(NamedTuple):
+    """Fixed numeric array that is packed by the same struct call as its neighbours, as bytes.
+
+    The decoder returns an array that shares the memory at `offset` of the packed values.
+    """
+
+    ref: Ref
+    code: str
+    length: int
+    offset: int
+
+
+class LengthPrefix(NamedTuple):
+    """Length (uint32) before a string or sequence; `ref` is the field whose content follows the packed values."""
+
+    ref: Ref
+    offset: int
+
+
+class EmptyMessageByte(NamedTuple):
+    """The single byte that CDR writes for a message without fields."""
+
+    offset: int
+
+
+Item = Scalar | FixedNumberArray | LengthPrefix | EmptyMessageByte
+
+
+class AlignmentState(NamedTuple):
+    """Knowledge at generation time about a position in the encoded message, counted from the origin of CDR alignment.
+
+    Attributes:
+        static: the exact offset if everything before it has a fixed size, else None.
+        modulus, remainder: position = remainder (mod modulus); modulus 1 if nothing is known.
+    """
+
+    static: int | None
+    modulus: int
+    remainder: int
+
+
+class InlineMessage(NamedTuple):
+    """Start of a nested message whose code is generated inline, as object `number`.
+
+    `empty` means that the message has no fields.
+    """
+
+    ref: Ref
+    type: str
+    number: int
+    empty: bool
+
+
+class PackedRun(NamedTuple):
+    """Consecutive fixed-size values that one struct call packs or unpacks.
+
+    Attributes:
+        items: the values in the order of the data; offsets count from the first byte after `nul` and alignment.
+        pack: struct code, without byte order, with all inner padding; fixed arrays are bytes.
+        unpack: struct code in which fixed arrays are padding.
+        size: bytes after `nul` and alignment.
+        align: alignment of the values if the padding before them is not known at generation time, else 1 (known padding
+            is in the code).
+        nul: True if the terminating zero byte of the preceding string is written by the same call, before the values.
+        start: what is known of the position of the first byte that the call reads, or writes (then with the zero byte).
+    """
+
+    items: tuple[Item, ...]
+    pack: str
+    unpack: str
+    size: int
+    align: int
+    nul: bool
+    start: AlignmentState
+
+
+class StringContent(NamedTuple):
+    """Characters of a string in a layout plan.
+
+    The length precedes them in a `PackedRun`; the NUL is in the next `PackedRun`, or a `StringTerminator`.
+    """
+
+    ref: Ref
+    type: FieldType
+    start: AlignmentState
+
+
+class StringTerminator(NamedTuple):
+    """NUL of a string that no packed values follow, so the NUL is written separately."""
+
+    start: AlignmentState
+
+
+class NumberArray(NamedTuple):
+    """Elements of a numeric sequence, or of a fixed array that is too large to be packed with its neighbours.
+
+    Attributes:
+        pad: padding in bytes if known at generation time; the padding exists only before elements.
+        align: alignment of the elements if the padding is not known, else 1.
+    """
+
+    ref: Ref
+    type: FieldType
+    code: str
+    item_size: int
+    pad: int
+    align: int
+    start: AlignmentState
+
+
+class StringArray(NamedTuple):
+    """Elements of a sequence or array of strings in a layout plan.
+
+    Attributes:
+        pad: padding in bytes if known at generation time; the padding exists only before elements.
+        align: alignment of the elements if the padding is not known, else 1.
+    """
+
+    ref: Ref
+    type: FieldType
+    pad: int
+    align: int
+    start: AlignmentState
+
+
+class LoopMode(Enum):
+    """Ways in which code for the elements of a sequence of messages is generated."""
+
+    PACKED = "packed"  # every element is the same run at a fixed stride
+    INLINE = "inline"  # the element's steps are emitted in the loop
+    CALL = "call"  # the element's class is called
+
+
+class Loop(NamedTuple):
+    """Elements of a sequence or array of messages in a layout plan.
+
+    `number` is the object number of the current element.
+
+    Attributes:
+        body: steps of one element; for PACKED only `InlineMessage` and one `PackedRun`.
+        stride: bytes of one element if PACKED, else 0.
+        min_size: minimum bytes of an element, by which the decoder checks a stated count.
+        pad, align: as in `NumberArray` if PACKED, else 0 and 1.
+        fixed: elements are of fixed size, so a structured array can replace the list.
+        structured_arrays: an element contains sequences or arrays of fixed-size messages.
+    """
+
+    ref: Ref
+    type: FieldType
+    number: int
+    mode: LoopMode
+    body: tuple[LayoutStep, ...]
+    stride: int
+    min_size: int
+    pad: int
+    align: int
+    start: AlignmentState
+    fixed: bool
+    structured_arrays: bool
+
+
+class NestedCall(NamedTuple):
+    """Nested message that is too large for inline code: the generated code calls encoder and decoder of its class.
+
+    Attributes:
+        structured_arrays: the message contains sequences or arrays of fixed-size messages.
+    """
+
+    ref: Ref
+    type: str
+    start: AlignmentState
+    structured_arrays: bool
+
+
+LayoutStep = (
+    InlineMessage | PackedRun | StringContent | StringTerminator | NumberArray | StringArray | Loop | NestedCall
+)
+
+
+class LayoutPlan(NamedTuple):
+    """Layout plan: the steps that encode and decode one message class.
+
+    Attributes:
+        name: full ROS name.
+        steps: in the order of the CDR data.
+        outlined: the message is too large for inline code in other messages, so it has the methods `_write` and
+            `_read`.
+        structured_arrays: sequences or arrays of fixed-size messages exist at some depth; decoders can return them as
+            structured arrays.
+    """
+
+    name: str
+    steps: tuple[LayoutStep, ...]
+    outlined: bool
+    structured_arrays: bool
+
+
+def assert_never(value: NoReturn) -> NoReturn:
+    """Raise `AssertionError` for a value that no case of a `match` statement handles (Python 3.10 has no
+    `typing.assert_never`).
+    """
+    raise AssertionError(f"unexpected {value!r}")
+
 
 MAX_INLINE_FIELDS = 48
 """Maximum leaves (flattened fields) of a nested message that is emitted inline. The maximum bounds the generated code
@@ -135,16 +360,14 @@ class LayoutPlanner:
         )
 
     @_cached_per_name
-    def plan(self, name: str) -> ir.LayoutPlan:
+    def plan(self, name: str) -> LayoutPlan:
         """Return the layout plan of a message; all types that it refers to must exist."""
         is_outlined = self.is_outlined(name)
         # An outlined message is called at any position, so nothing is known of its start; others start at offset 0.
-        builder = _PlanBuilder(
-            self, ir.AlignmentState(None, 1, 0) if is_outlined else ir.AlignmentState(0, MAX_ALIGN, 0)
-        )
+        builder = _PlanBuilder(self, AlignmentState(None, 1, 0) if is_outlined else AlignmentState(0, MAX_ALIGN, 0))
         builder.message(name, 0, "")
         builder.close()
-        return ir.LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
+        return LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
 
     @_cached_per_name
     def min_size(self, name: str) -> int:
@@ -165,9 +388,9 @@ class _OpenRun:
     pack.
     """
 
-    start: ir.AlignmentState
+    start: AlignmentState
     nul: bool
-    items: list[ir.Item] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
     pack: list[tuple[str, int]] = field(default_factory=list)  # code and repetitions; padding has code x
     unpack: list[tuple[str, int]] = field(default_factory=list)
     size: int = 0
@@ -191,11 +414,11 @@ class _PlanBuilder:
     `now` is what is known about the current position.
     """
 
-    def __init__(self, planner: LayoutPlanner, start: ir.AlignmentState, first_object: int = 1) -> None:
+    def __init__(self, planner: LayoutPlanner, start: AlignmentState, first_object: int = 1) -> None:
         self.planner = planner
         # Either an absolute offset, or position = remainder (mod modulus).
         self.now = start
-        self.steps: list[ir.LayoutStep] = []
+        self.steps: list[LayoutStep] = []
         self.run: _OpenRun | None = None
         self.nul = False  # the terminator of a string is pending
         self.next_object = first_object
@@ -205,7 +428,7 @@ class _PlanBuilder:
     def _advance(self, size: int) -> None:
         now = self.now
         static = None if now.static is None else now.static + size
-        self.now = ir.AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
+        self.now = AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
 
     def _known_padding(self, align: int) -> int | None:
         """Return the padding in bytes from the current position to a multiple of `align`.
@@ -216,7 +439,7 @@ class _PlanBuilder:
 
     def _lose_offset(self, modulus: int) -> None:
         """Record that after content of variable size the position is only known to be a multiple of `modulus`."""
-        self.now = ir.AlignmentState(None, modulus, 0)
+        self.now = AlignmentState(None, modulus, 0)
 
     # --- runs -----------------------------------------------------------------------------------------------------
 
@@ -239,7 +462,7 @@ class _PlanBuilder:
         run = self.run
         if gap is None:  # emitted code aligns before the run; after that the position is a multiple of `align`
             run.align = align
-            self.now = ir.AlignmentState(None, align, 0)
+            self.now = AlignmentState(None, align, 0)
         elif gap:
             run.append("x", gap)
             run.size += gap
@@ -254,14 +477,14 @@ class _PlanBuilder:
         run, self.run = self.run, None
         if run is not None:
             codes = _struct_code(run.pack), _struct_code(run.unpack)
-            self.steps.append(ir.PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
+            self.steps.append(PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
     def close(self) -> None:
         """Finish the current group of packed values, and add the terminator of a string that has none yet."""
         self.end_run()
         if self.nul:
             self.nul = False
-            self.steps.append(ir.StringTerminator(self.now))
+            self.steps.append(StringTerminator(self.now))
             self._advance(len(NUL))
 
     # --- fields ---------------------------------------------------------------------------------------------------
@@ -270,53 +493,53 @@ class _PlanBuilder:
         definition = self.planner.message(name)
         for item in definition.fields:
             spelling = py_name(item.name)
-            self.value(ir.Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
+            self.value(Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
         if not definition.fields:
-            self._items(ir.EmptyMessageByte(self._append_to_run(1, len(EMPTY_MESSAGE), "x", len(EMPTY_MESSAGE))))
+            self._items(EmptyMessageByte(self._append_to_run(1, len(EMPTY_MESSAGE), "x", len(EMPTY_MESSAGE))))
 
-    def _items(self, item: ir.Item) -> None:
+    def _items(self, item: Item) -> None:
         assert self.run is not None
         self.run.items.append(item)
 
-    def value(self, ref: ir.Ref, kind: FieldType) -> None:
+    def value(self, ref: Ref, kind: FieldType) -> None:
         if kind.arity is not Arity.SCALAR:
             self._many(ref, kind)
         elif kind.primitive is not None:
             size, code = kind.primitive.size, self.planner.codes[kind.base]
-            self._items(ir.Scalar(ref, code, self._append_to_run(size, size, code, 1)))
+            self._items(Scalar(ref, code, self._append_to_run(size, size, code, 1)))
         elif kind.is_string:
             self._count(ref)
-            self.steps.append(ir.StringContent(ref, kind, self.now))
+            self.steps.append(StringContent(ref, kind, self.now))
             self._lose_offset(known_modulus(kind))
             self.nul = kind.base == "string"
         elif self.planner.is_outlined(kind.base):
             self.close()
-            self.steps.append(ir.NestedCall(ref, kind.base, self.now, self.planner.has_structured_arrays(kind.base)))
+            self.steps.append(NestedCall(ref, kind.base, self.now, self.planner.has_structured_arrays(kind.base)))
             self._lose_offset(1)
         else:
             # A struct has no alignment of its own: a nested message is laid out at its position, field by field.
             number = self._new_object()
             # Has no bytes, so an open run continues after it. Emitters load or create objects before the run.
             empty = not self.planner.message(kind.base).fields
-            self.steps.append(ir.InlineMessage(ref, kind.base, number, empty))
+            self.steps.append(InlineMessage(ref, kind.base, number, empty))
             self.message(kind.base, number, ref.path)
 
     def _new_object(self) -> int:
         self.next_object += 1
         return self.next_object - 1
 
-    def _count(self, ref: ir.Ref) -> None:
-        self._items(ir.LengthPrefix(ref, self._append_to_run(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
+    def _count(self, ref: Ref) -> None:
+        self._items(LengthPrefix(ref, self._append_to_run(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
         self.end_run()
 
-    def _many(self, ref: ir.Ref, kind: FieldType) -> None:
+    def _many(self, ref: Ref, kind: FieldType) -> None:
         fixed = kind.arity is Arity.ARRAY
         primitive = kind.primitive
         if primitive is not None and fixed and primitive.size * kind.capacity <= BLOCK_BYTES:
             # Of constant size: the run goes on after it.
             size = primitive.size * kind.capacity
             offset = self._append_to_run(primitive.size, size, "s", size, "x")
-            self._items(ir.FixedNumberArray(ref, self.planner.codes[kind.base], kind.capacity, offset))
+            self._items(FixedNumberArray(ref, self.planner.codes[kind.base], kind.capacity, offset))
             return
         if fixed:
             self.close()
@@ -326,7 +549,7 @@ class _PlanBuilder:
             self._numbers(ref, kind, self.planner.codes[kind.base], primitive.size)
         elif kind.is_string:
             pad, align = self._padding_before(element_alignment(kind))
-            self.steps.append(ir.StringArray(ref, kind, pad, align, self.now))
+            self.steps.append(StringArray(ref, kind, pad, align, self.now))
             self._lose_offset(known_modulus(kind))
         else:
             self._loop(ref, kind)
@@ -335,24 +558,24 @@ class _PlanBuilder:
         gap = self._known_padding(align)
         return (0, align) if gap is None else (gap, 1)
 
-    def _numbers(self, ref: ir.Ref, kind: FieldType, code: str, size: int) -> None:
+    def _numbers(self, ref: Ref, kind: FieldType, code: str, size: int) -> None:
         pad, align = self._padding_before(size)
-        self.steps.append(ir.NumberArray(ref, kind, code, size, pad, align, self.now))
+        self.steps.append(NumberArray(ref, kind, code, size, pad, align, self.now))
         if kind.arity is Arity.ARRAY:
             if align > 1:
-                self.now = ir.AlignmentState(None, size, 0)
+                self.now = AlignmentState(None, size, 0)
             self._advance(pad + size * kind.capacity)
         else:
             self._lose_offset(known_modulus(kind))
 
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 
-    def _loop(self, ref: ir.Ref, kind: FieldType) -> None:
+    def _loop(self, ref: Ref, kind: FieldType) -> None:
         """Append the step for the elements of a sequence or array of messages."""
         number = self._new_object()
         loop = self._packed_loop(ref, kind, number)
         if loop is None and self.planner.is_outlined(kind.base):
-            loop = self._make_loop(ref, kind, number, ir.LoopMode.CALL)
+            loop = self._make_loop(ref, kind, number, LoopMode.CALL)
             self._lose_offset(1)
         elif loop is None:
             # A loop body must be valid for every iteration: it is planned for the state before the loop, then the state
@@ -367,30 +590,30 @@ class _PlanBuilder:
                     break
                 entry = merged
             self.next_object = inner.next_object
-            loop = self._make_loop(ref, kind, number, ir.LoopMode.INLINE, inner.steps)
+            loop = self._make_loop(ref, kind, number, LoopMode.INLINE, inner.steps)
             self.now = entry
         self.steps.append(loop)
 
     def _make_loop(
         self,
-        ref: ir.Ref,
+        ref: Ref,
         kind: FieldType,
         number: int,
-        mode: ir.LoopMode,
-        body: Sequence[ir.LayoutStep] = (),
+        mode: LoopMode,
+        body: Sequence[LayoutStep] = (),
         stride: int = 0,
         padding: tuple[int, int] = (0, 1),
-    ) -> ir.Loop:
+    ) -> Loop:
         planner, base = self.planner, kind.base
         facts = planner.is_fixed(base), planner.has_structured_arrays(base)
-        return ir.Loop(ref, kind, number, mode, tuple(body), stride, planner.min_size(base), *padding, self.now, *facts)
+        return Loop(ref, kind, number, mode, tuple(body), stride, planner.min_size(base), *padding, self.now, *facts)
 
-    def _element(self, ref: ir.Ref, kind: FieldType, number: int, entry: ir.AlignmentState) -> _PlanBuilder:
+    def _element(self, ref: Ref, kind: FieldType, number: int, entry: AlignmentState) -> _PlanBuilder:
         inner = _PlanBuilder(self.planner, entry, self.next_object)
         inner.message(kind.base, number, f"{ref.path}[]")
         return inner
 
-    def _packed_loop(self, ref: ir.Ref, kind: FieldType, number: int) -> ir.Loop | None:
+    def _packed_loop(self, ref: Ref, kind: FieldType, number: int) -> Loop | None:
         """Return a loop that packs all elements with one struct format; None if the elements differ in size
         or padding.
         """
@@ -401,17 +624,17 @@ class _PlanBuilder:
         entries = [(self.now._replace(static=None), (0, 1))]
         first = self._first_alignment(kind.base)
         if first in (8, 4, 2):
-            entries.append((ir.AlignmentState(None, first, 0), self._padding_before(first)))
+            entries.append((AlignmentState(None, first, 0), self._padding_before(first)))
         for entry, padding in entries:
             inner = self._element(ref, kind, number, entry)
             inner.end_run()
-            runs = [step for step in inner.steps if isinstance(step, ir.PackedRun)]
-            is_plain = all(isinstance(step, ir.PackedRun | ir.InlineMessage) for step in inner.steps)
+            runs = [step for step in inner.steps if isinstance(step, PackedRun)]
+            is_plain = all(isinstance(step, PackedRun | InlineMessage) for step in inner.steps)
             # One stride: a single run without unknown padding, which ends at the remainder where it started.
             if not is_plain or len(runs) != 1 or runs[0].align != 1 or inner.now.remainder != entry.remainder:
                 continue
             self.next_object = inner.next_object
-            loop = self._make_loop(ref, kind, number, ir.LoopMode.PACKED, inner.steps, runs[0].size, padding)
+            loop = self._make_loop(ref, kind, number, LoopMode.PACKED, inner.steps, runs[0].size, padding)
             if kind.arity is not Arity.ARRAY:  # may be empty: then not even the padding is in the message
                 self.now = _common_alignment(self.now, entry)
             else:
@@ -429,9 +652,9 @@ class _PlanBuilder:
         return self._first_alignment(kind.base) if kind.is_message else element_alignment(kind)
 
 
-def _common_alignment(left: ir.AlignmentState, right: ir.AlignmentState) -> ir.AlignmentState:
+def _common_alignment(left: AlignmentState, right: AlignmentState) -> AlignmentState:
     """Return what two alignment states have in common, for a position that is described by either of them."""
     modulus = min(left.modulus, right.modulus)
     while modulus > 1 and left.remainder % modulus != right.remainder % modulus:
         modulus //= 2
-    return ir.AlignmentState(None, modulus, left.remainder % modulus)
+    return AlignmentState(None, modulus, left.remainder % modulus)

@@ -1,9 +1,9 @@
 """Conversion of messages from old definitions to new definitions, field by field: a plan, and the converter made from
 the plan.
 
-A value is assigned to the field that a rule names, else to the field of the same name. Old fields without a target are
-dropped, and new fields without a source get their default value; the plan lists both. Text is never converted to a
-number, nor a number to text.
+The functions read no files, bags or networks. A value is assigned to the field that a rule names, else to the field of
+the same name. Old fields without a target are dropped, and new fields without a source get their default value; the
+plan lists both. Text is never converted to a number, nor a number to text.
 
 No value changes silently. The plan refuses conversions between types that could change a value. A value that the new
 type cannot have raises `EncodeError` with the path of the field during the conversion, or when the message is encoded.
