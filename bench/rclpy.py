@@ -139,7 +139,7 @@ async def receive(node: Any, name: str, count: int) -> None:
 def bare_receive(name: str, count: int) -> None:
     """A thread that reads the pipe Cyclone DDS writes into, and takes samples: no loop, no node, nothing decoded."""
 
-    from rosidl_py_gen.runtime.node.environment import read_environment
+    from rosidl_py_gen.runtime.node.settings import read_environment
     from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
     from rosidl_py_gen.runtime.transport.qos import QoSProfile

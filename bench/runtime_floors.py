@@ -43,8 +43,8 @@ class Floor:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from rosidl_py_gen.runtime.node.environment import read_environment
-        from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
+        from rosidl_py_gen.runtime.node.settings import read_environment
+        from rosidl_py_gen.runtime.transport.cyclone.library import cyclone_xml
 
         self.clayer = clayer
         qos = Qos(
@@ -111,7 +111,7 @@ class LoopFloor:
     """A writer and a reader whose pipe asyncio's own loop watches, and nothing else: what any asyncio program takes."""
 
     def __init__(self, write_to: str, read_from: str) -> None:
-        from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.node.settings import read_environment
         from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
         from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -187,7 +187,7 @@ class ServiceFloor:
     """Client or server of a SetBool service."""
 
     def __init__(self, *, is_client: bool) -> None:
-        from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.node.settings import read_environment
         from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
         from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -270,7 +270,7 @@ class ZenohFloor:
     def __init__(self, write_to: str, read_from: str) -> None:
         import zenoh
 
-        from rosidl_py_gen.runtime.transport.zenoh.config import session_config
+        from rosidl_py_gen.runtime.transport.zenoh.participant import session_config
 
         self.session = zenoh.open(session_config(os.environ, print))
         self.publisher: Any = self.session.declare_publisher(write_to)

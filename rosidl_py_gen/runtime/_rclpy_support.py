@@ -13,25 +13,25 @@ from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.runtime.actions.states import MIN_RESULT_RETENTION_NS as MIN_RESULT_RETENTION_NS
 from rosidl_py_gen.runtime.actions.states import RCLPY_RULES as RCLPY_RULES
 from rosidl_py_gen.runtime.actions.states import GoalTable as GoalTable
-from rosidl_py_gen.runtime.names.validation import NameFault as NameFault
-from rosidl_py_gen.runtime.names.validation import NameRule as NameRule
-from rosidl_py_gen.runtime.names.validation import find_full_name_fault as find_full_name_fault
-from rosidl_py_gen.runtime.names.validation import find_name_fault as find_name_fault
-from rosidl_py_gen.runtime.names.validation import find_namespace_fault as find_namespace_fault
-from rosidl_py_gen.runtime.names.validation import find_node_name_fault as find_node_name_fault
-from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON as EMPTY_LIST_REASON
-from rosidl_py_gen.runtime.parameters.validation import RELATIVE_TOLERANCE as RELATIVE_TOLERANCE
-from rosidl_py_gen.runtime.parameters.validation import SEPARATOR as SEPARATOR
-from rosidl_py_gen.runtime.parameters.validation import UNDECLARED_REASON as UNDECLARED_REASON
-from rosidl_py_gen.runtime.parameters.validation import float_range_reason as float_range_reason
-from rosidl_py_gen.runtime.parameters.validation import integer_range_reason as integer_range_reason
-from rosidl_py_gen.runtime.parameters.validation import list_names as list_names
-from rosidl_py_gen.runtime.parameters.validation import read_only_reason as read_only_reason
-from rosidl_py_gen.runtime.parameters.validation import type_reason as type_reason
+from rosidl_py_gen.runtime.names import NameFault as NameFault
+from rosidl_py_gen.runtime.names import NameRule as NameRule
+from rosidl_py_gen.runtime.names import find_full_name_fault as find_full_name_fault
+from rosidl_py_gen.runtime.names import find_name_fault as find_name_fault
+from rosidl_py_gen.runtime.names import find_namespace_fault as find_namespace_fault
+from rosidl_py_gen.runtime.names import find_node_name_fault as find_node_name_fault
+from rosidl_py_gen.runtime.parameters.values import EMPTY_LIST_REASON as EMPTY_LIST_REASON
+from rosidl_py_gen.runtime.parameters.values import RELATIVE_TOLERANCE as RELATIVE_TOLERANCE
+from rosidl_py_gen.runtime.parameters.values import SEPARATOR as SEPARATOR
+from rosidl_py_gen.runtime.parameters.values import UNDECLARED_REASON as UNDECLARED_REASON
+from rosidl_py_gen.runtime.parameters.values import float_range_reason as float_range_reason
+from rosidl_py_gen.runtime.parameters.values import integer_range_reason as integer_range_reason
+from rosidl_py_gen.runtime.parameters.values import list_names as list_names
+from rosidl_py_gen.runtime.parameters.values import read_only_reason as read_only_reason
+from rosidl_py_gen.runtime.parameters.values import type_reason as type_reason
 from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.graph.graph import Graph, NamesAndTypes
+    from rosidl_py_gen.runtime.graph import Graph, NamesAndTypes
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.qos import QoSProfile

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
     from types import TracebackType
 
-    from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+    from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
@@ -63,7 +63,7 @@ class RosErrors:
         """
         import asyncio
 
-        from rosidl_py_gen.runtime.time.values import WaitTimeoutError
+        from rosidl_py_gen.runtime.time_values import WaitTimeoutError
 
         now_s = asyncio.get_running_loop().time
         end_s = now_s() + timeout_s
@@ -101,7 +101,7 @@ def _shortened(error: BaseException) -> BaseException:
 
 
 def _combined(errors: list[BaseException]) -> BaseException:
-    from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailedError
+    from rosidl_py_gen.runtime.loop.callbacks import CallbackFailedError
 
     return errors[0] if len(errors) == 1 else CallbackFailedError(errors)
 
@@ -136,7 +136,7 @@ def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
 
     ``ros_errors.expect(ValueError, match="too fast")`` may be called before or after the exception.
     """
-    from rosidl_py_gen.runtime.logs.loggers import failure_listeners
+    from rosidl_py_gen.runtime.logs import failure_listeners
 
     request.node.stash[_ERRORS] = errors = RosErrors()
     with failure_listeners.add(lambda _, error: errors.found.append(error)):
@@ -151,7 +151,7 @@ def ros_loop() -> Iterator[VirtualTimeLoop]:
 
     In a test that uses this fixture, the clocks of `ros_domain` and of the nodes of `ros_node` have the loop's time.
     """
-    from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+    from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 
     loop = VirtualTimeLoop()
     yield loop

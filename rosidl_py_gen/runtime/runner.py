@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
+from rosidl_py_gen.runtime.logs import get_root_logger
+from rosidl_py_gen.runtime.loop.callbacks import FailureGuard
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
-from rosidl_py_gen.runtime.node.arguments import RosArgumentError
 from rosidl_py_gen.runtime.node.context import Context, attach_all, close_all, close_served_by
+from rosidl_py_gen.runtime.node.settings import RosArgumentError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 
 if TYPE_CHECKING:

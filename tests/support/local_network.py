@@ -102,10 +102,10 @@ def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def guarded_open(config: Any) -> Any:
     """Open a session of Zenoh that cannot be reached from elsewhere."""
-    from rosidl_py_gen.runtime.transport.zenoh.config import endpoints_of
+    from rosidl_py_gen.runtime.transport.zenoh.participant import configured_endpoints
 
     for what in ("listen", "connect"):
-        strange = [one for one in endpoints_of(config, what) if not one.startswith(_LOCAL_ENDPOINTS)]
+        strange = [one for one in configured_endpoints(config, what) if not one.startswith(_LOCAL_ENDPOINTS)]
         assert not strange, f"not bound to loopback: {what} {strange}"
     assert config.get_json("scouting/multicast/enabled") == "false"
     return _open_session(config)

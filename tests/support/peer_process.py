@@ -12,7 +12,7 @@ from typing import Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone.library import cyclone_xml
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen.runtime import Context, LoopRunner, MemoryTransport, Node
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
 from support.local_network import zenoh_environment
 

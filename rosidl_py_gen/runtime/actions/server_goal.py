@@ -31,9 +31,9 @@ from rosidl_py_gen.runtime.actions.states import (
 )
 from rosidl_py_gen.runtime.actions.types import ActionT_co, set_goal_id
 from rosidl_py_gen.runtime.entities.message_types import raw_type
-from rosidl_py_gen.runtime.entities.publisher import Publisher
-from rosidl_py_gen.runtime.loop.send_queue import DeferredSender
-from rosidl_py_gen.runtime.time.values import Duration, Time, timeout_to_ns
+from rosidl_py_gen.runtime.entities.topics import Publisher
+from rosidl_py_gen.runtime.loop.queues import DeferredSender
+from rosidl_py_gen.runtime.time_values import Duration, Time, timeout_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.states import CancelCode, CancelSelection
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, FeedbackT, GoalT, Policy, ResultT
+    from rosidl_py_gen.runtime.clocks import Clock
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
 

@@ -30,18 +30,18 @@ from rosidl_py_gen.runtime.entities.message_types import (
     message_type,
     service_type,
 )
-from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint
-from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.runtime.entities.services import ServiceEndpoint
+from rosidl_py_gen.runtime.time_values import Time
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rosidl_py_gen.runtime.clocks import Clock
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.introspection import IntrospectionState
-    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.loop.user_callback import UserCallback
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
-    from rosidl_py_gen.runtime.time.clock import Clock
+    from rosidl_py_gen.runtime.graph import TypeCheck
+    from rosidl_py_gen.runtime.loop.callbacks import UserCallback
+    from rosidl_py_gen.runtime.names import NodeNames
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 GoalT = TypeVar("GoalT")

@@ -1,1 +1,1 @@
-"""Publishers, subscriptions, service clients and servers, and timers of nodes."""
+"""Publishers and subscriptions, service clients and servers."""

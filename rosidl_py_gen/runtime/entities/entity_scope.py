@@ -18,26 +18,24 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, checked_mode
-from rosidl_py_gen.runtime.logs.loggers import node_logger
-from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailures
+from rosidl_py_gen.runtime.clocks import Clock
+from rosidl_py_gen.runtime.graph import DEFAULT_CHECK, checked_mode
+from rosidl_py_gen.runtime.logs import node_logger
+from rosidl_py_gen.runtime.loop.callbacks import CallbackFailures, UserCallback, require_callable, start_task
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_callable, start_task
-from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.values import ClockType, Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.time_values import ClockType, Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.latch import Latch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine
 
     from rosidl_py_gen.base.callbacks import Registration
-    from rosidl_py_gen.runtime.entities.flow_control import RequestWindows
-    from rosidl_py_gen.runtime.graph.discovery import Discovery
-    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReason
-    from rosidl_py_gen.runtime.loop.callback_failures import OnError
+    from rosidl_py_gen.runtime.discovery import Discovery, UnmatchedReason
+    from rosidl_py_gen.runtime.graph import TypeCheck
+    from rosidl_py_gen.runtime.loop.callbacks import OnError
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
     from rosidl_py_gen.runtime.transport.api import ClockFunctions, DiscoveredEndpoint, Participant, TopicKey
+    from rosidl_py_gen.runtime.transport.flow_control import RequestWindows
 
 T = TypeVar("T")
 

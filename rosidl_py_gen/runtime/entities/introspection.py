@@ -13,9 +13,9 @@ import numpy as np
 
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.clocks import Clock
 from rosidl_py_gen.runtime.entities.message_types import class_of, message_type
-from rosidl_py_gen.runtime.entities.publisher import Publisher
-from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.entities.topics import Publisher
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.base.callbacks import RegistrationSet
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.logs.loggers import report_failure
+from rosidl_py_gen.runtime.logs import report_failure
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.base.callbacks import Registration
-    from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
+    from rosidl_py_gen.runtime.loop.shared_loop import LoopRunner
     from rosidl_py_gen.runtime.transport.api import Participant, Sink
 
 T = TypeVar("T")

@@ -4,6 +4,7 @@ The first thread that waits becomes the leader and runs the loop; the others are
 the conditions of all waits. When its own wait ends, the oldest follower becomes the next leader. While no thread waits,
 no thread runs the loop, and nothing is received.
 
+`LoopRunner` is the public interface, for programs that do not use asyncio.
 States and thread rules: docs/internals/event_loop.md, "Leader and followers".
 """
 
@@ -18,12 +19,21 @@ import threading
 import weakref
 from collections import deque
 from contextvars import copy_context
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from inspect import iscoroutine
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.loop.callbacks import require_callable, start_task
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
-from rosidl_py_gen.runtime.loop.user_callback import start_task
+from rosidl_py_gen.runtime.time_values import timeout_to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+    from contextvars import Context
+
+    from typing_extensions import Self, TypeVarTuple, Unpack
 
 if sys.platform == "linux":
     from rosidl_py_gen.runtime.loop.event_loop import EventLoop as _Loop
@@ -32,11 +42,6 @@ else:
     from asyncio import SelectorEventLoop as _Loop
     from selectors import DefaultSelector as _Selector
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
-    from contextvars import Context
-
-    from typing_extensions import TypeVarTuple, Unpack
 
 T = TypeVar("T")
 
@@ -607,3 +612,93 @@ def _after_fork() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
+
+
+class LoopRunner:
+    """asyncio event loop that no thread owns: threads that wait for a condition run it.
+
+    For programs with a main loop of their own: a game, a graphical interface, a script that polls. Nodes of a
+    ``Context(loop_runner=runner)`` receive messages and call callbacks only while a thread waits, in one of the
+    waiting threads. An exception of a signal handler, such as KeyboardInterrupt, ends the wait of the main thread.
+
+    Close the contexts first, then the runner, as ``with`` does. Thread: any.
+
+    Example:
+        >>> with LoopRunner() as runner, Context(loop_runner=runner) as context:  # doctest: +SKIP
+        ...     subscription = Node("poller", context=context).create_subscription(String, "chatter")
+        ...     message = runner.wait(subscription.take, timeout_s=1.0)
+    """
+
+    def __init__(self) -> None:
+        self._shared_loop = SharedLoop()
+        self.loop: asyncio.AbstractEventLoop = self._shared_loop.loop
+        """Event loop of asyncio; it runs while a thread waits."""
+
+    @overload
+    def wait(self, until: None = None, timeout_s: float | None = None) -> None: ...
+    @overload
+    def wait(self, until: Callable[[], T], timeout_s: float | None = None) -> T: ...
+    def wait(self, until: Callable[[], T] | None = None, timeout_s: float | None = None) -> T | None:
+        """Run the loop, or wait for the thread that does, until `until()` is true or the timeout is over.
+
+        With timeout 0 the loop does all that can be done now. If `until()` is true at first, the loop does not run.
+
+        Args:
+            until: function without arguments that must not wait. It is called at first and after each iteration, in the
+                thread that runs the loop. No true value is lost, so it may be `Subscription.take`. None: wait for the
+                timeout.
+            timeout_s: in seconds; None: no timeout.
+
+        Returns:
+            The last value of `until`.
+
+        Raises:
+            WouldDeadlockError: called inside this runner's loop, for example in a callback.
+            ClosedError: the runner is closed, also while waiting.
+            TypeError, TimeRangeError: an argument is invalid.
+            Exception: the exception of `until`, or of a callback of a node with ``on_error="raise"``.
+        """
+        require_callable(until, "until", " without arguments, or None")
+        timeout_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
+        return self._shared_loop.wait(
+            (lambda: None) if until is None else until, None if timeout_ns is None else timeout_ns / NS_PER_S
+        )
+
+    def call(self, function: Callable[[], T]) -> T:
+        """Call a function in the loop, and return its value or raise its exception. The function must not wait."""
+        return self._shared_loop.call(function)
+
+    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine in the loop to its end, and return its value or raise its exception.
+
+        Raises:
+            WouldDeadlockError: called inside this runner's loop; use ``await`` there.
+            ClosedError: the runner is closed.
+            TypeError: the argument is not a coroutine.
+        """
+        is_coroutine: bool = iscoroutine(coroutine)  # a variable, because the check would narrow the return type
+        if not is_coroutine:
+            raise TypeError(f"coroutine must be a coroutine, such as main(), got {coroutine!r:.100}")
+        return self._shared_loop.run(coroutine)
+
+    def wake(self) -> None:
+        """Make all waits call their `until` again, after a change outside the loop. Signal handlers may call `wake`."""
+        self._shared_loop.wake()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def is_closed(self) -> bool:
+        """True after `close`, and in a forked child."""
+        return self._shared_loop.closed_reason != ""
+
+    def close(self) -> None:
+        """End all waits with `ClosedError`, cancel the loop's tasks, and close the loop; may be called twice.
+
+        A call inside the loop takes effect when the loop is left.
+        """
+        self._shared_loop.close()

@@ -11,8 +11,8 @@ from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type
-from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.time.values import Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.node.context import NodeBase
+from rosidl_py_gen.runtime.time_values import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA, Durability, Reliability
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.entities.subscription import MessageInfo, Subscription
-    from rosidl_py_gen.runtime.graph.graph import TopicEndpointInfo
+    from rosidl_py_gen.runtime.entities.topics import MessageInfo, Subscription
+    from rosidl_py_gen.runtime.graph import TopicEndpointInfo
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
 
 T = TypeVar("T")

@@ -1,4 +1,4 @@
-"""Contexts: members of a domain that nodes share.
+"""Contexts: members of a domain that nodes share; and the base of a node's methods, which reach its context.
 
 The first node without a context opens the default context, and the last such node closes it. Open contexts are attached
 to event loops, and closed when a loop or the process ends.
@@ -19,18 +19,16 @@ from typing import TYPE_CHECKING, ClassVar
 from rosidl_py_gen.base.distributions import command_distribution
 from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-from rosidl_py_gen.runtime.entities.flow_control import RequestWindows
-from rosidl_py_gen.runtime.graph.discovery import Discovery
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.logs.outputs import outputs
-from rosidl_py_gen.runtime.loop.callback_failures import CallbacksNeverRanError, FailureGuard, require_on_error
+from rosidl_py_gen.runtime.logs import get_root_logger, outputs
+from rosidl_py_gen.runtime.loop.callbacks import CallbacksNeverRanError, FailureGuard, require_on_error
 from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
-from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
-from rosidl_py_gen.runtime.names.validation import validate_enclave
-from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, find_security, middleware, read_environment
+from rosidl_py_gen.runtime.loop.shared_loop import LoopRunner
+from rosidl_py_gen.runtime.names import validate_enclave
+from rosidl_py_gen.runtime.node.settings import DDS, ZENOH, find_security, middleware, parse_arguments, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
+from rosidl_py_gen.runtime.transport.flow_control import RequestWindows
 from rosidl_py_gen.runtime.transport.latch import Latch
 
 if TYPE_CHECKING:
@@ -39,12 +37,12 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.graph.graph import ParticipantInfo
-    from rosidl_py_gen.runtime.loop.callback_failures import OnError
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.clocks import Clock
+    from rosidl_py_gen.runtime.graph import ParticipantInfo
+    from rosidl_py_gen.runtime.loop.callbacks import OnError
+    from rosidl_py_gen.runtime.names import NodeNames
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.api import DomainSettings, Transport
-
 
 _FORKED = (
     "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
@@ -243,7 +241,7 @@ def resolve_transport(transport: Transport | str | None) -> Transport:
 
         return CycloneTransport()
     if name == ZENOH:
-        from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
+        from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohTransport
 
         return ZenohTransport()
     if isinstance(name, (str, type)) or not callable(getattr(name, "open", None)):
@@ -468,3 +466,19 @@ def _after_fork() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
+
+
+class NodeBase:
+    """Base class that declares the attributes which all methods of `Node` use.
+
+    The constructor of `Node` sets the attributes.
+    """
+
+    _scope: EntityScope
+    _names: NodeNames
+    context: Context
+    clock: Clock
+
+    def _require_open(self) -> None:
+        self._scope.require_open(False, "the node")
+        self.context._core.loop_binding.adopt_running_loop()

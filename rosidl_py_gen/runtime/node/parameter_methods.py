@@ -11,17 +11,17 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
-from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.node.sim_time import TimeSource
-from rosidl_py_gen.runtime.parameters.callbacks import require_plain
+from rosidl_py_gen.runtime.loop.queues import AsyncQueue
+from rosidl_py_gen.runtime.node.context import NodeBase
+from rosidl_py_gen.runtime.node.timers import TimeSource
 from rosidl_py_gen.runtime.parameters.initial_values import overrides_for
-from rosidl_py_gen.runtime.parameters.store import ParameterStore
-from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, ListParametersResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore, require_plain
 from rosidl_py_gen.runtime.parameters.values import (
     ARRAY_OF,
+    SEPARATOR,
     TYPE_OF,
     InvalidParameterValueError,
+    ListParametersResult,
     Parameter,
     ParameterDescriptor,
     ParameterEvent,
@@ -35,14 +35,14 @@ from rosidl_py_gen.runtime.parameters.values import (
     require_name,
     require_names,
 )
-from rosidl_py_gen.runtime.type_resolution.description_service import start_type_descriptions
+from rosidl_py_gen.runtime.type_descriptions import start_type_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.initial_values import ParameterOverrides
-    from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService, ParameterServices
+    from rosidl_py_gen.runtime.parameters.services import ParameterEventPublisher, ParameterService, ParameterServices
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
 
 T = TypeVar("T")
@@ -86,7 +86,7 @@ class ParameterMethods(NodeBase):
         self._event_callbacks = callbacks = RegistrationSet[Callable[[ParameterEvent], object]]()
         events: ParameterEventPublisher | None = None
         if parameter_events:
-            from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
+            from rosidl_py_gen.runtime.parameters.services import ParameterEventPublisher
 
             events = ParameterEventPublisher(self._scope, self._names, self.clock)
 
@@ -126,7 +126,7 @@ class ParameterMethods(NodeBase):
         if start_services:
             self._parameter_services().serve(self._names)
         if logger_services:
-            from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
+            from rosidl_py_gen.runtime.parameters.services import start_logger_services
 
             start_logger_services(self._scope, self._names)
         start_type_descriptions(self._scope, self._names, self._store)
@@ -166,7 +166,7 @@ class ParameterMethods(NodeBase):
             ParameterError: a name is taken, or an override is invalid. No parameter is declared.
             TypeError: an argument has the wrong type, or the validator is async.
         """
-        from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
+        from rosidl_py_gen.runtime.parameters.dataclass_parameters import bind_class
 
         self._scope.require_open(False, "the node")
         return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
@@ -434,7 +434,7 @@ class ParameterMethods(NodeBase):
         return self._parameter_services().handlers()
 
     def _parameter_services(self) -> ParameterServices:
-        from rosidl_py_gen.runtime.parameters.service import ParameterServices
+        from rosidl_py_gen.runtime.parameters.services import ParameterServices
 
         return ParameterServices(self._scope, self._store, self.context._core.initial_values.on_listed)
 

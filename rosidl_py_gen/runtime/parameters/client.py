@@ -28,15 +28,14 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     SetParametersAtomically,
     SetParametersAtomically_Request,
 )
-from rosidl_py_gen.runtime.entities.client import Client
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
-from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
-from rosidl_py_gen.runtime.entities.subscription import Subscription
-from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
+from rosidl_py_gen.runtime.entities.services import CallTimeoutError, Client
+from rosidl_py_gen.runtime.entities.topics import Subscription
+from rosidl_py_gen.runtime.loop.queues import AsyncQueue
 from rosidl_py_gen.runtime.parameters.files import dump_parameters, read_parameter_file
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, overrides_for
-from rosidl_py_gen.runtime.parameters.messages import (
+from rosidl_py_gen.runtime.parameters.services import (
     descriptor_from_message,
     event_from_message,
     parameter_type,
@@ -44,8 +43,8 @@ from rosidl_py_gen.runtime.parameters.messages import (
     to_message,
     value_from_message,
 )
-from rosidl_py_gen.runtime.parameters.validation import ListParametersResult
 from rosidl_py_gen.runtime.parameters.values import (
+    ListParametersResult,
     Parameter,
     ParameterDescriptor,
     ParameterNotDeclaredError,
@@ -58,7 +57,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     parameter_value,
     widened,
 )
-from rosidl_py_gen.runtime.time.values import Deadline, Time, read_stamp
+from rosidl_py_gen.runtime.time_values import Deadline, Time, read_stamp
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.names import NodeNames
     from rosidl_py_gen.runtime.parameters.values import ParameterEvent, ParametersToSet
 
 _FIRST_BATCH = 50

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NoReturn
 from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.yaml_text import STRING, YamlError, yaml_events
-from rosidl_py_gen.runtime.names.validation import find_namespace_fault, find_node_name_fault
+from rosidl_py_gen.runtime.names import find_namespace_fault, find_node_name_fault
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,

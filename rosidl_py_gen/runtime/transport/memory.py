@@ -29,16 +29,14 @@ from rosidl_py_gen.runtime.transport.api import (
     Payload,
     ReceiveQueue,
     Sample,
+    ServiceSpec,
     Sink,
     pad_to_4_bytes,
 )
-from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity, embed_identity
-from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
+from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer, SampleIdentity, embed_identity
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
-from rosidl_py_gen.runtime.transport.matching import check_compatible, qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
-from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
-from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
+from rosidl_py_gen.runtime.transport.middleware_threads import ReadyItems
+from rosidl_py_gen.runtime.transport.qos import Durability, History, check_compatible, effective, qos_incompatibility
 
 _VENDOR = b"\x01\x10"
 """Vendor id of Cyclone DDS, which endpoints in memory have so that no rules for other vendors apply to them."""

@@ -11,7 +11,7 @@ from support.markdown_pages import rows
 
 from rosidl_py_gen.ros_cli.groups import COMMANDS
 from rosidl_py_gen.runtime import qos
-from rosidl_py_gen.runtime.node.arguments import WITH_ARGUMENT
+from rosidl_py_gen.runtime.node.settings import WITH_ARGUMENT
 
 PAGE = ROOT / "docs/reference/cheat-sheet.md"
 TEXT = PAGE.read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from support.folders import ROOT
 
-from rosidl_py_gen.runtime.node.arguments import SWITCHES, WITH_ARGUMENT
+from rosidl_py_gen.runtime.node.settings import SWITCHES, WITH_ARGUMENT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

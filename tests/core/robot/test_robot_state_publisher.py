@@ -21,7 +21,7 @@ from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import ProgramError
 from rosidl_py_gen.robot.robot_state_publisher import RobotStatePublisher
 from rosidl_py_gen.runtime import ClockType, Context, Durability, ParameterError, QoSProfile, Reliability, Time
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 from rosidl_py_gen.tf import TransformBuffer
 
 JointState: Any = get_message("sensor_msgs/msg/JointState")

@@ -27,7 +27,7 @@ from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Fin
 from rosidl_py_gen.ros_cli.doctor.network import Interface
 from rosidl_py_gen.ros_cli.doctor.peers import middleware_text
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.graph.graph import ParticipantInfo
+from rosidl_py_gen.runtime.graph import ParticipantInfo
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from rosidl_py_gen.base.names import snake_case
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
 from rosidl_py_gen.runtime import LifecycleNode, State, TransitionCallbackReturn
 from rosidl_py_gen.runtime.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
-from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, ServiceSpec, TopicKey
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,7 +20,7 @@ from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml
 from rosidl_py_gen.ros_cli.param import fit_parameter
 from rosidl_py_gen.ros_cli.values import MAX_TEXT
 from rosidl_py_gen.runtime import FloatRange, Node, ParameterDescriptor, ParameterType, parameter_value
-from rosidl_py_gen.runtime.parameters.messages import value_to_message
+from rosidl_py_gen.runtime.parameters.services import value_to_message
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime import LoopRunner, Node, QoSProfile, get_logger
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, ReceiveQueue, TopicKey
 from rosidl_py_gen.runtime.transport.cyclone import domain
 from rosidl_py_gen.runtime.transport.dds import services
-from rosidl_py_gen.runtime.transport.dds.correlation import ClientCorrelation
+from rosidl_py_gen.runtime.transport.dds.services import ClientCorrelation
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex, MatchCache
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.node.context import open_contexts
-from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError
+from rosidl_py_gen.runtime.node.settings import EnvironmentSettingError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, InvalidQoSError, QoSProfile, Reliability
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagMessage, BagReader, BagTopic, BagWriter, DecoderFactory
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, QoSProfile
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 
 S = 1_000_000_000
 

@@ -18,7 +18,7 @@ from support.environments import kept
 from support.local_network import domain_id
 
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
+from rosidl_py_gen.runtime.transport.cyclone.library import IGNORE_TYPE_INFORMATION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -17,10 +17,10 @@ from support.waiting import until
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import TopicKey
-from rosidl_py_gen.runtime.transport.cyclone import c_api
+from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import peers
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import request_samples
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.peers import request_samples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -237,7 +237,7 @@ async def test_closed_server_is_missed_and_may_return_for_rclpy_client(
             await shared_peer.do("ready", name=name, expected=False)
 
 
-_Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
+_Listener = ct.CFUNCTYPE(None, ct.c_int32, library.DdsMatchedStatus, ct.c_void_p)
 
 
 def delay_match(server: Any, delay_s: float) -> Any:

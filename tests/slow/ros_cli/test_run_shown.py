@@ -13,7 +13,7 @@ from support.program_processes import run
 
 from rosidl_py_gen.ros_cli.program_runner.program import refused_arguments
 from rosidl_py_gen.runtime import RosArgumentError
-from rosidl_py_gen.runtime.node.arguments import parse_arguments
+from rosidl_py_gen.runtime.node.settings import parse_arguments
 
 pytestmark = pytest.mark.real_time("programs are processes")
 

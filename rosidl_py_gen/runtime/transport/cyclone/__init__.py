@@ -2,10 +2,11 @@
 
 Read the modules in this order; at run time each imports modules above it only:
 
-- `c_api`, `config`, `library`: public functions of Cyclone, its configuration, and which libddsc is loaded.
-- `qos`, `security`, `wakeup_pipe`: values that Cyclone takes and returns, and how it wakes up a loop.
+- `library`: public functions of Cyclone, its configuration, and which libddsc is loaded.
+- `security`: DDS Security of a participant.
 - `private_layout`: what is read and written in Cyclone's memory (docs/internals/cyclone_memory.md 1).
 - `fast_dds_interop`: peers on Fast DDS, behind the names of its package.
-- `domain`, `discovery`, `endpoints`: types and topics of a domain, builtin topics, readers and writers.
+- `domain`, `endpoints`: types and topics of a domain; readers and writers, QoS, and how Cyclone wakes up a loop.
+- `discovery`: builtin topics.
 - `participant`: creates all of them, and deletes them in `close`.
 """

@@ -14,18 +14,17 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.logs import get_root_logger
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, DiscoveryEvent, EntityLost, ParticipantDiscovered
-from rosidl_py_gen.runtime.transport.cyclone import c_api
-from rosidl_py_gen.runtime.transport.cyclone.c_api import (
+from rosidl_py_gen.runtime.transport.cyclone import library
+from rosidl_py_gen.runtime.transport.cyclone.endpoints import putw, read_profile, read_property, read_user_data
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers
+from rosidl_py_gen.runtime.transport.cyclone.library import (
     DCPS_PARTICIPANT,
     BuiltinEndpoint,
     BuiltinParticipant,
     cast_loan,
 )
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers
-from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
-from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
 
 _BATCH = 64
@@ -41,7 +40,7 @@ _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """Unpack instance_state, valid_data and instance_handle from a dds_sample_info_t (64 bytes)."""
 _BUILTIN_PREFIX = "DCPS"
 """Prefix of the names of DDS builtin topics."""
-_TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
+_TOPICS = (DCPS_PARTICIPANT, library.DCPS_PUBLICATION, library.DCPS_SUBSCRIPTION)
 
 
 class BuiltinTopicReaders:
@@ -56,7 +55,7 @@ class BuiltinTopicReaders:
 
     def __init__(
         self,
-        api: c_api.CycloneApi,
+        api: library.CycloneApi,
         participant: int,
         listener: int,
         stream: int,
@@ -168,7 +167,7 @@ class BuiltinTopicReaders:
         name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
         if name.startswith(_BUILTIN_PREFIX):
             return
-        is_writer = topic == c_api.DCPS_PUBLICATION
+        is_writer = topic == library.DCPS_PUBLICATION
         user_data = parse_user_data(read_user_data(self._api, endpoint.qos))
         yield DiscoveredEndpoint(
             guid,

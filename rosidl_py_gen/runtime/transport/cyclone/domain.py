@@ -15,12 +15,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import ClassVar, NamedTuple
 
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.logs import get_root_logger
 from rosidl_py_gen.runtime.transport.api import SecurityError, TransportError
-from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
-from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi, TopicDescriptor
-from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
+from rosidl_py_gen.runtime.transport.cyclone import library, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsInterop, FastDdsSupport
+from rosidl_py_gen.runtime.transport.cyclone.library import MAX_PARTICIPANT_INDEX, CycloneApi, TopicDescriptor
 
 _MAX_TYPE_CHARS = 255
 """Maximum length of the name of a type in DDS; earlier versions of Cyclone, and perhaps peers, have this limit."""
@@ -139,7 +138,7 @@ class Domain:
     _forked: ClassVar[bool] = False
 
     def __init__(
-        self, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
+        self, api: library.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> None:
         self._api = api
         self._domain_id = domain_id
@@ -156,7 +155,7 @@ class Domain:
         self.fast_dds = FastDdsInterop(support)
         self.types = Sertypes(api, self.fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
-        self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
+        self._handle = 0 if code == library.PRECONDITION_NOT_MET else code
         if self._handle == 0:  # another user of the same libddsc has created the domain
             get_root_logger().warning(
                 f"domain {domain_id} was configured by other code of this process: discovery range, static peers and "
@@ -171,7 +170,7 @@ class Domain:
 
     @classmethod
     def join(
-        cls, api: c_api.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
+        cls, api: library.CycloneApi, support: FastDdsSupport, domain_id: int, xml: str, enclave_folder: str
     ) -> Domain:
         """Open the domain with the configuration `xml`, unless it is open already, and return it.
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import partial
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.logs import get_root_logger
 from rosidl_py_gen.runtime.transport.api import (
     GUID_PREFIX_BYTES,
     SYSTEM_CLOCKS,
@@ -28,16 +28,24 @@ from rosidl_py_gen.runtime.transport.api import (
     NodeEntities,
     SecurityEnclave,
     SecurityError,
+    ServiceSpec,
     Sink,
     TransportError,
 )
-from rosidl_py_gen.runtime.transport.cyclone import c_api, library
-from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain, wait_for_others
-from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
+from rosidl_py_gen.runtime.transport.cyclone.endpoints import (
+    CycloneReader,
+    CycloneWriter,
+    TakeBuffers,
+    WakeupPipe,
+    endpoint_qos,
+    new_qos,
+    putw,
+)
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers, FastDdsSupport
-from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
+from rosidl_py_gen.runtime.transport.cyclone.library import DEFAULT_CONFIG, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.security import (
     CAPABILITY,
     Governance,
@@ -47,19 +55,16 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
     find_plugins,
     security_properties,
 )
-from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import BUFFER_SUFFIX, participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
-from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effective
-from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
+from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effective, qos_incompatibility
 
 _MAX_IDLE_TOPICS = 256
 
 LIBRARY = library.find()
-API = c_api.CycloneApi(LIBRARY.handle)
+API = library.CycloneApi(LIBRARY.handle)
 """Functions of the loaded library."""
 FAST_DDS_SUPPORT = FastDdsSupport(API, LIBRARY.unsupported_elements)
 """Support of the loaded library for peers on Fast DDS."""
@@ -336,7 +341,7 @@ class CycloneParticipant:
         try:
             yield
         except TransportError as error:
-            if self._security is None or f"({c_api.NOT_ALLOWED_BY_SECURITY})" not in str(error):
+            if self._security is None or f"({library.NOT_ALLOWED_BY_SECURITY})" not in str(error):
                 raise
             raise denied_error(self._security, topic, is_writer=is_writer) from None
 
@@ -445,4 +450,4 @@ class CycloneParticipant:
         # `really_delete_pinned_closed_locked`.
         self.is_deleted = True
         with self._undo:  # also if Ctrl-C was pressed, which is raised after the wait: no later call would delete it
-            c_api.call_with_sigint_deferred(wait_for_others, self.deleting)
+            library.call_with_sigint_deferred(wait_for_others, self.deleting)

@@ -19,7 +19,7 @@ from contextlib import nullcontext
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, CycloneApi, Iov, address_of, pack_iov
+from rosidl_py_gen.runtime.transport.cyclone.library import SAMPLE_WITH_DATA, CycloneApi, Iov, address_of, pack_iov
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -25,8 +25,7 @@ from typing import Any
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.transport.api import SecurityEnclave, SecurityError
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
-from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
+from rosidl_py_gen.runtime.transport.cyclone.library import CycloneApi, DdscLibrary
 from rosidl_py_gen.runtime.transport.dds.names import topic_key_of
 
 CAPABILITY = "DDS Security (SROS 2)"

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_ALIGN, NUL, align_offset
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
-from rosidl_py_gen.runtime.logs.loggers import internal_logger
+from rosidl_py_gen.runtime.logs import internal_logger
 from rosidl_py_gen.runtime.transport.api import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,

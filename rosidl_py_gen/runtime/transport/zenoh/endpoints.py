@@ -34,14 +34,14 @@ import zenoh.ext
 import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.logs.loggers import internal_logger
+from rosidl_py_gen.runtime.logs import internal_logger
 from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, TransportError
-from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
+from rosidl_py_gen.runtime.transport.middleware_threads import retain_thread_state
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     DEFAULT_DEPTH,
     AttachmentError,
+    Infos,
     cpu_buffer_key,
     pack_attachment,
     unpack_attachment,

@@ -6,52 +6,250 @@ Rules:
 - Every handler that Zenoh calls is a "direct" one. It adds to a queue and wakes up the loop. It never waits and never
   undeclares anything, which would stop or deadlock the session.
 - No lock of this package is held during a call into Zenoh.
+
+Configuration of sessions and routers: defaults of rmw_zenoh_cpp, and its environment variables, which are read from a
+mapping, never from `os.environ`. Sessions listen on this machine only and find each other through a router, never by
+multicast.
+
+`ZenohTransport` opens a session for a context and waits for a router. Zenoh cannot be used after a fork: its threads,
+which all sessions of a process share, do not exist in the child, and the first call would never return.
+
+Source: docs/internals/zenoh.md 1 (rmw_zenoh_cpp of Jazzy, its two configuration files and zenoh_config.cpp).
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import json
+import math
+import os
+import re
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import zenoh
 
-from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.errors import ClosedError, RosidlError, printable
+from rosidl_py_gen.runtime.logs import get_root_logger
 from rosidl_py_gen.runtime.transport.api import (
+    SYSTEM_CLOCKS,
+    BackendMissingError,
     DiscoveryEvent,
+    DomainSettings,
     EndpointSpec,
     EntityLost,
     NodeEntities,
+    ServiceSpec,
     Sink,
     TransportError,
 )
 from rosidl_py_gen.runtime.transport.dds.names import wire_type
-from rosidl_py_gen.runtime.transport.qos import Durability
-from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
-from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
+from rosidl_py_gen.runtime.transport.middleware_threads import ReadyItems
+from rosidl_py_gen.runtime.transport.qos import FORMAT_VARIABLE, Durability
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
-from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
-    TokenGraph,
-    endpoints_of,
-    incompatibility,
-    participant_guid,
-)
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     CPU_BACKEND,
     EndpointToken,
     EntityKind,
     NodeToken,
+    TokenGraph,
     data_key,
+    endpoints_of,
     gid_of,
+    incompatibility,
+    participant_guid,
     qos_text,
     read_qos,
     tokens_of,
 )
+
+ROUTER_PORT = 7447
+_MAX_QUOTED_CHARS = 200
+_MAX_DEPTH = 100
+"""Maximum nesting of brackets in a configuration of Zenoh; some thousands would crash Zenoh's parser."""
+_BRACKET = re.compile(r"[\[{}\]]")
+_SOURCE_LOCATION = re.compile(r" at \S+\.rs:\d+\.?")
+_MESSAGE = re.compile(r'(?:msg: |Str\()"((?:[^"\\]|\\.)*)"')
+_LINE_COLUMN = re.compile(r"line: (\d+), column: (\d+)")
+
+_COMMON: dict[str, object] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
+    "timestamping/enabled": {"router": True, "peer": True, "client": True},
+    "queries_default_timeout": 600_000,
+    "transport/unicast/open_timeout": 60_000,
+    "transport/unicast/accept_timeout": 60_000,
+    "transport/unicast/accept_pending": 10_000,
+    "transport/unicast/max_sessions": 10_000,
+    "transport/link/tx/lease": 60_000,
+    "transport/link/tx/keep_alive": 2,
+    "transport/shared_memory/enabled": False,  # used if both ends enable it
+    "transport/shared_memory/transport_optimization/pool_size": 48 << 20,
+    "transport/shared_memory/transport_optimization/message_size_threshold": 512,
+    "adminspace/enabled": True,
+}
+_MAX_CONGESTION_WAIT_US = 250_000
+"""Maximum time that a large message waits for a congested link before it is dropped, in microseconds. With the 50 ms of
+rmw_zenoh_cpp a busy machine lost one image of ten. After the first drop Zenoh does not wait any more."""
+_STRATEGY = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
+_SESSION: dict[str, object] = {
+    "mode": "peer",
+    "connect/endpoints": [f"tcp/localhost:{ROUTER_PORT}"],
+    "listen/endpoints": ["tcp/localhost:0"],
+    "scouting/gossip/autoconnect_strategy": _STRATEGY,
+    "scouting/multicast/autoconnect_strategy": _STRATEGY,
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
+    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": _MAX_CONGESTION_WAIT_US,
+}
+_ROUTER: dict[str, object] = {"mode": "router", "listen/endpoints": [f"tcp/[::]:{ROUTER_PORT}"]}
+IPV4_ONLY = f"tcp/0.0.0.0:{ROUTER_PORT}"
+"""Address on which a router listens on machines without IPv6, which refuse the default address."""
+
+
+class ZenohConfigError(RosidlError, ValueError):
+    """Raised if a configuration of Zenoh is not usable; the text names the variable or key, and quotes its value."""
+
+
+def session_config(environ: Mapping[str, str], warn: Callable[[str], None]) -> zenoh.Config:
+    """Return the configuration of a context's Zenoh session.
+
+    Args:
+        warn: called with a text for each skipped pair of ZENOH_CONFIG_OVERRIDE.
+
+    Raises:
+        ZenohConfigError: a variable or file is not usable.
+    """
+    return _configuration(environ, "ZENOH_SESSION_CONFIG_URI", {**_COMMON, **_SESSION}, warn)
+
+
+def router_config(
+    environ: Mapping[str, str], warn: Callable[[str], None], *, listen: Iterable[str] = (), connect: Iterable[str] = ()
+) -> zenoh.Config:
+    """Return the configuration of a Zenoh router.
+
+    Args:
+        warn: called with a text for each skipped pair of ZENOH_CONFIG_OVERRIDE.
+        listen: endpoints that replace the configured ones, if any are given.
+        connect: endpoints of other routers that replace the configured ones, if any are given.
+
+    Raises:
+        ZenohConfigError: a variable, file or endpoint is not usable.
+    """
+    config = _configuration(environ, "ZENOH_ROUTER_CONFIG_URI", {**_COMMON, **_ROUTER}, warn)
+    for key, endpoints in (("listen/endpoints", list(listen)), ("connect/endpoints", list(connect))):
+        if endpoints:
+            insert(config, key, json.dumps(endpoints), where="router")
+    return config
+
+
+def router_attempts(environ: Mapping[str, str]) -> float:
+    """Return how often a new session checks for a router, from ZENOH_ROUTER_CHECK_ATTEMPTS; `math.inf`: until found.
+
+    Raises:
+        ZenohConfigError: the variable is not a whole number.
+    """
+    text = environ.get("ZENOH_ROUTER_CHECK_ATTEMPTS", "")
+    try:
+        attempts = int(text) if text else 1
+    except ValueError:
+        raise ZenohConfigError(
+            "ZENOH_ROUTER_CHECK_ATTEMPTS must be a whole number (0 waits for ever, a negative one does not look), "
+            f"got {_quoted(text)}"
+        ) from None
+    return math.inf if attempts == 0 else max(0, attempts)
+
+
+def is_humble(environ: Mapping[str, str]) -> bool:
+    """Return True if Zenoh keys and tokens must have the format of Humble, not the format of later distributions.
+
+    Raises:
+        ZenohConfigError: the variable `FORMAT_VARIABLE` has another value than ``humble``.
+    """
+    text = environ.get(FORMAT_VARIABLE, "")
+    if text not in ("", "humble"):
+        raise ZenohConfigError(
+            f"{FORMAT_VARIABLE} must be 'humble', or empty for later distributions, got {_quoted(text)}"
+        )
+    return text == "humble"
+
+
+def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
+    """Set a key of a configuration to a JSON5 text.
+
+    Raises:
+        ZenohConfigError: Zenoh refuses the key or value; the text begins with `where`, the origin of the value.
+    """
+    _require_shallow(value, f"{where}: {key}")
+    try:
+        config.insert_json5(key, value)
+    except zenoh.ZError as error:
+        raise ZenohConfigError(f"{where}: {key}={_quoted(value)}: {error_text(error)}") from None
+
+
+def configured_endpoints(config: zenoh.Config, kind: Literal["listen", "connect"]) -> list[str]:
+    """Return the endpoints to listen on, or to connect to, that apply in the mode of a configuration."""
+    endpoints = json.loads(config.get_json(f"{kind}/endpoints"))
+    if isinstance(endpoints, dict):  # one list for each mode
+        endpoints = endpoints.get(json.loads(config.get_json("mode")) or "peer") or []
+    return [str(endpoint) for endpoint in endpoints]
+
+
+def _configuration(
+    environ: Mapping[str, str], variable: str, defaults: Mapping[str, object], warn: Callable[[str], None]
+) -> zenoh.Config:
+    path = environ.get(variable, "")
+    if path:
+        try:
+            _require_shallow(Path(path).read_text("utf-8", "replace"), f"{variable}={_quoted(path)}")
+            config: zenoh.Config = zenoh.Config.from_file(path)
+        except (zenoh.ZError, OSError) as error:
+            raise ZenohConfigError(f"{variable}={_quoted(path)}: {error_text(error)}") from None
+    else:
+        config = zenoh.Config()
+        for key, value in defaults.items():
+            insert(config, key, json.dumps(value), where="defaults of rmw_zenoh")
+    for pair in filter(None, environ.get("ZENOH_CONFIG_OVERRIDE", "").split(";")):
+        key, equals, value = pair.partition("=")
+        try:
+            if not equals or not value:
+                raise ZenohConfigError(f"ZENOH_CONFIG_OVERRIDE: expected key=value, found {_quoted(pair)}")
+            insert(config, key, value, where="ZENOH_CONFIG_OVERRIDE")
+        except ZenohConfigError as error:
+            hint = "; texts need quotes" if value and value.strip().isalpha() else ""
+            warn(f"{error}{hint}; this pair has no effect")
+    return config
+
+
+def _require_shallow(text: str, where: str) -> None:
+    depth = 0
+    for bracket in _BRACKET.findall(text):
+        depth += 1 if bracket in "[{" else -1
+        if depth > _MAX_DEPTH:
+            raise ZenohConfigError(f"{where}: expected at most {_MAX_DEPTH} nested brackets, found more")
+
+
+def _quoted(text: str) -> str:
+    return printable(repr(text if len(text) <= _MAX_QUOTED_CHARS else text[:_MAX_QUOTED_CHARS] + "..."))
+
+
+def error_text(error: Exception) -> str:
+    """Return the text of a Zenoh error without locations in Zenoh's sources and names of its types."""
+    text = _SOURCE_LOCATION.sub("", str(error))
+    message = _MESSAGE.search(text)
+    if message is None:
+        return printable(text.strip())
+    reason = message[1].replace('\\"', '"').split("\\n")[-1].strip(" =")
+    location = _LINE_COLUMN.search(text)
+    return printable(f"{reason} (line {location[1]}, column {location[2]})" if location else reason)
+
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
 _NO_NODE_NAME = "_"
@@ -215,3 +413,88 @@ class ZenohParticipant:
             with contextlib.suppress(zenoh.ZError):
                 self.session.close()
             self.ready_sinks.close()
+
+
+try:
+    import zenoh
+
+except ImportError as err:
+    raise BackendMissingError(
+        "nodes on Zenoh need two more packages. Wheels of eclipse-zenoh exist for "
+        "CPython 3.9 and later on Linux (x86-64, ARM; glibc), macOS and Windows (x86-64). "
+        f"The import failed with: {err}. To install them: {install_command('zenoh')}",
+        name=err.name,
+    ) from err
+
+_ROUTER_RETRY_INTERVAL_S = 1.0
+"""Interval between two checks for a router, in seconds; the same as in rmw_zenoh_cpp."""
+_ROUTER_POLL_INTERVAL_S = 0.001
+
+
+class ZenohTransport:
+    """Transport that joins domains by Zenoh sessions."""
+
+    _was_used: ClassVar[bool] = False
+    _is_forked: ClassVar[bool] = False
+
+    clocks = SYSTEM_CLOCKS
+
+    def open(self, settings: DomainSettings, enclave: str = "/") -> ZenohParticipant:
+        """Open a Zenoh session and join the domain of `settings`; discovery range and static peers are ignored.
+
+        Raises:
+            ZenohConfigError: a configuration file or environment variable is not usable.
+            TransportError: Zenoh cannot open a session, or this process was forked from a process that uses Zenoh.
+        """
+        if ZenohTransport._is_forked:
+            raise TransportError(
+                "this process was forked from one that uses Zenoh, whose threads do not exist here; start it with "
+                'multiprocessing\'s "spawn" method, or fork before the first node is created'
+            )
+        config = session_config(os.environ, get_root_logger().warning)
+        # Otherwise Zenoh waits for all discovered peers, often half a second for one that is gone.
+        insert(config, "open/return_conditions/connect_scouted", "false", where="own settings")
+        attempts, humble = router_attempts(os.environ), is_humble(os.environ)
+        where = ", ".join(configured_endpoints(config, "connect"))
+        ZenohTransport._was_used = True
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError as error:
+            reason = str(error).split(" at ", 1)[0]
+            raise TransportError(
+                f"Zenoh could not open a session: {reason}. It was configured to connect to {where or 'no endpoint'}"
+            ) from None
+        _check_for_router(session, attempts, where or "any endpoint")
+        return ZenohParticipant(session, settings.domain_id, enclave, is_humble=humble)
+
+    @classmethod
+    def after_fork(cls) -> None:
+        """Refuse to use Zenoh in this forked child if the parent has used it."""
+        cls._is_forked = cls._was_used
+
+
+def _check_for_router(session: zenoh.Session, attempts: float, where: str) -> None:
+    """Wait for a router as configured by ZENOH_ROUTER_CHECK_ATTEMPTS, and warn if there is none."""
+    if attempts <= 0 or _wait_for_router(session, _ROUTER_RETRY_INTERVAL_S):
+        return
+    if attempts > 1:
+        get_root_logger().warning(f"waiting for a Zenoh router at {where}")
+        if _wait_for_router(session, (attempts - 1) * _ROUTER_RETRY_INTERVAL_S):
+            return
+    get_root_logger().warning(
+        f"no Zenoh router answers at {where}, so other processes are not found; start `rosidl-py zenoh-router`. The "
+        "connection is retried"
+    )
+
+
+def _wait_for_router(session: zenoh.Session, timeout_s: float) -> bool:
+    end_s = time.monotonic() + timeout_s
+    while not session.info.routers_zid():
+        if time.monotonic() >= end_s:
+            return False
+        time.sleep(_ROUTER_POLL_INTERVAL_S)
+    return True
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=ZenohTransport.after_fork)

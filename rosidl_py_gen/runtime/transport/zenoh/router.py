@@ -47,14 +47,19 @@ class ZenohRouter:
         require_modules("zenoh")  # not at import: the class must be importable without Zenoh
         import zenoh
 
-        from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, error_text, router_config
+        from rosidl_py_gen.runtime.transport.zenoh.participant import (
+            IPV4_ONLY,
+            configured_endpoints,
+            error_text,
+            router_config,
+        )
 
         if log:
             zenoh.init_log_from_env_or(log)
         if not listen and not environ.get("ZENOH_ROUTER_CONFIG_URI") and not _has_ipv6():
             listen = [IPV4_ONLY]
         config = router_config(environ, warn, listen=listen, connect=connect)
-        endpoints = endpoints_of(config, "listen")
+        endpoints = configured_endpoints(config, "listen")
         try:
             session = zenoh.open(config)
         except zenoh.ZError as error:

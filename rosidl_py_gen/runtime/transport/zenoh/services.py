@@ -21,13 +21,11 @@ import zenoh
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError, printable
-from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.api import NoReply, ServerAvailability, TransportError
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, fair_queue_share
-from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability
+from rosidl_py_gen.runtime.transport.flow_control import ReplyWindow
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
-from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos, paired_gid, participant_guid
-from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import Infos, pack_attachment, paired_gid, participant_guid
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -12,8 +12,8 @@ from support.waiting import until
 from support.worlds import World
 
 from rosidl_py_gen.runtime.entities.message_types import service_type
-from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
-from rosidl_py_gen.runtime.time.values import ClockType, Time
+from rosidl_py_gen.runtime.node.node import ServiceMethods
+from rosidl_py_gen.runtime.time_values import ClockType, Time
 from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 

@@ -41,9 +41,9 @@ from rosidl_py_gen.runtime import (
     GoalStatus,
     Time,
 )
-from rosidl_py_gen.runtime.actions.goal_callbacks import FeedbackReadiness
-from rosidl_py_gen.runtime.graph.graph import Graph
-from rosidl_py_gen.runtime.time.values import TimeRangeError
+from rosidl_py_gen.runtime.actions.server import FeedbackReadiness
+from rosidl_py_gen.runtime.graph import Graph
+from rosidl_py_gen.runtime.time_values import TimeRangeError
 
 pytestmark = pytest.mark.on_zenoh
 

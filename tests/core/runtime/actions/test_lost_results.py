@@ -14,7 +14,7 @@ from support.waiting import until
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime import GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions import server as action_server
-from rosidl_py_gen.runtime.entities.server import ServiceServer
+from rosidl_py_gen.runtime.entities.services import ServiceServer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,8 +68,8 @@ async def test_lost_result_request_is_repeated_after_its_goal_ended(
 
 
 async def test_result_of_running_goal_is_requested_only_once(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.RETRY_DELAY_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.client.RETRY_DELAY_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.client.CHECK_INTERVAL_S", 0.001)
     lost = lose(monkeypatch, 100)
     _, client = await pair(memory, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
@@ -102,8 +102,8 @@ async def test_result_request_denied_for_ended_goal_is_repeated(world: World, mo
 async def test_repeated_denial_of_ended_goal_raises_unknown_goal_error(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.RETRY_DELAY_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.client.RETRY_DELAY_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.client.CHECK_INTERVAL_S", 0.001)
     lose(monkeypatch, 1000, deny=True)
     _, client = await pair(memory)
     handle = await client.send_goal(goal(0), timeout_s=5)
@@ -150,8 +150,8 @@ async def test_requests_are_repeated_until_server_has_registered_accepted_goal(
 async def test_unknown_reply_of_second_node_with_same_name_ends_no_goal(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.ACK_TIMEOUT_S", 0.05)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.02)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.client.ACK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.client.CHECK_INTERVAL_S", 0.02)
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=20)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)

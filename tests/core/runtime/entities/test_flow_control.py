@@ -11,9 +11,9 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from support.waiting import until
 
-from rosidl_py_gen.runtime.entities import flow_control as windows
-from rosidl_py_gen.runtime.entities import service_common as service
-from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
+from rosidl_py_gen.runtime.entities import services as service
+from rosidl_py_gen.runtime.transport import flow_control as windows
+from rosidl_py_gen.runtime.transport.flow_control import RequestFlowControl
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:

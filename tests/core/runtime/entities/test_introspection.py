@@ -10,9 +10,9 @@ from support.worlds import World
 
 from rosidl_py_gen import compile_definition, get_service
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.clocks import Clock
 from rosidl_py_gen.runtime.entities.introspection import IntrospectionState
-from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.values import ClockType, Time
+from rosidl_py_gen.runtime.time_values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT, InvalidQoSError
 
 pytestmark = pytest.mark.on_zenoh

@@ -13,8 +13,8 @@ from support.waiting import until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
-from rosidl_py_gen.runtime.entities.server import AlreadyRespondedError, ServiceRequest
-from rosidl_py_gen.runtime.transport.dds.correlation import add_request_header
+from rosidl_py_gen.runtime.entities.services import AlreadyRespondedError, ServiceRequest
+from rosidl_py_gen.runtime.transport.dds.services import add_request_header
 
 if TYPE_CHECKING:
     from support.worlds import World

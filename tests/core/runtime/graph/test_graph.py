@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.graph.graph import Graph
+from rosidl_py_gen.runtime.graph import Graph
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 

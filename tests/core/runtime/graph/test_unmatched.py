@@ -16,7 +16,7 @@ from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.runtime import ActionTimeoutError, CallTimeoutError, QoSProfile, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE, DEFAULT, SENSOR_DATA
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
-from rosidl_py_gen.runtime.transport.matching import check_compatible, find_preset, resolve_best_available
+from rosidl_py_gen.runtime.transport.qos import check_compatible, find_preset, resolve_best_available
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable

@@ -8,7 +8,7 @@ from support.raw_endpoints import found
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
-from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph
+from rosidl_py_gen.runtime.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph
 from rosidl_py_gen.runtime.transport.api import (
     EntityLost,
     NodeEntities,

@@ -23,7 +23,7 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     GetState,
 )
 from rosidl_py_gen.runtime import Context, LifecycleNode, MatchedStatus, PublisherEventCallbacks
-from rosidl_py_gen.runtime.lifecycle.state_machine import State, TransitionCallbackReturn, TransitionError
+from rosidl_py_gen.runtime.lifecycle import State, TransitionCallbackReturn, TransitionError
 
 pytestmark = pytest.mark.on_zenoh
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState
 from rosidl_py_gen.runtime import Context, LifecycleNode, Node
-from rosidl_py_gen.runtime.lifecycle.state_machine import State, TransitionCallbackReturn
+from rosidl_py_gen.runtime.lifecycle import State, TransitionCallbackReturn
 
 
 class Slow(LifecycleNode):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime.lifecycle.state_machine import (
+from rosidl_py_gen.runtime.lifecycle import (
     LIFECYCLE_TRANSITIONS,
     State,
     TransitionCallbackReturn,

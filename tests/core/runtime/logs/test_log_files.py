@@ -13,9 +13,15 @@ import pytest
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
-from rosidl_py_gen.runtime.logs.outputs import LogFile, LogFileError, get_logging_directory, program_prefix
-from rosidl_py_gen.runtime.node.arguments import parse_arguments
+from rosidl_py_gen.runtime.logs import (
+    LogFile,
+    LogFileError,
+    get_logger,
+    get_logging_directory,
+    get_root_logger,
+    program_prefix,
+)
+from rosidl_py_gen.runtime.node.settings import parse_arguments
 
 OpenNode = Callable[..., Node]
 

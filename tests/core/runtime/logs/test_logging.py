@@ -17,17 +17,20 @@ from support.worlds import World
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
-from rosidl_py_gen.runtime.logs import outputs as log_console
-from rosidl_py_gen.runtime.logs.loggers import (
+from rosidl_py_gen.runtime import logs
+from rosidl_py_gen.runtime.clocks import Clock
+from rosidl_py_gen.runtime.logs import (
     DEBUG,
     ERROR,
     FATAL,
     INFO,
     UNSET,
     WARN,
+    ConsoleSettings,
     LogLevelError,
     RosLogger,
     RosoutRouter,
+    format_record,
     get_logger,
     get_logger_level,
     get_root_logger,
@@ -38,11 +41,9 @@ from rosidl_py_gen.runtime.logs.loggers import (
     set_logger_level,
     shared_router,
 )
-from rosidl_py_gen.runtime.logs.outputs import ConsoleSettings, format_record
 from rosidl_py_gen.runtime.node.node import log_message
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import parameter_value
-from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.transport.qos import ROSOUT
 
 
@@ -224,7 +225,7 @@ def test_print_logs_follows_environment_without_a_context(
 ) -> None:
     monkeypatch.setattr(python_logging.getLogger(), "handlers", [])
     monkeypatch.setattr(get_root_logger(), "handlers", [])
-    monkeypatch.setattr(log_console.console_handler, "settings", ConsoleSettings())
+    monkeypatch.setattr(logs.console_handler, "settings", ConsoleSettings())
     for name, value in environ.items():
         monkeypatch.setenv(f"RCUTILS_{name}", value)
     get_logger("a").info("not yet")
@@ -237,7 +238,7 @@ def test_print_logs_follows_environment_without_a_context(
 def test_console_is_quiet_when_python_handlers_receive_the_records(
     caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log_console.install_console(ConsoleSettings())
+    logs.install_console(ConsoleSettings())
     get_logger("seen").info("by caplog")
     assert "by caplog" in caplog.text and capsys.readouterr().err == ""
 

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 from support.waiting import until
 
 from rosidl_py_gen.runtime import Context, Duration, LifecycleNode, MemoryTransport, Node, SetResult, State, run, spin
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback, start_task
+from rosidl_py_gen.runtime.loop.callbacks import UserCallback, start_task
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

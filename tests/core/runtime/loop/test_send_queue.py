@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from rosidl_py_gen.runtime import Context, MemoryTransport
-from rosidl_py_gen.runtime.loop.send_queue import DeferredSender, SendQueue
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.queues import DeferredSender, SendQueue
 from rosidl_py_gen.runtime.transport.api import TransportError
 
 

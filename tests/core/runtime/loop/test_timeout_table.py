@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
+from rosidl_py_gen.runtime.transport.flow_control import TimeoutTable
 
 
 class CountingLoop(VirtualTimeLoop):

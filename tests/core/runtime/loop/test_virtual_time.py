@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeDeadlockError, VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeDeadlockError, VirtualTimeLoop
 
 
 def test_virtual_loop_sleeps_a_day_without_waiting(ros_loop: VirtualTimeLoop) -> None:

@@ -11,16 +11,14 @@ from hypothesis import strategies as st
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime.names.remapping import (
+from rosidl_py_gen.runtime.names import (
     InvalidRemapRuleError,
     NodeNames,
     RemapKind,
     RemapRule,
-    parse_remap_rule,
-)
-from rosidl_py_gen.runtime.names.validation import (
     expand_name,
     normalize_namespace,
+    parse_remap_rule,
     resolve_node_name,
     validate_full_name,
     validate_name,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.names.remapping import RemapKind
-from rosidl_py_gen.runtime.node.arguments import RosArgumentError, RosArguments, parse_arguments
+from rosidl_py_gen.runtime.names import RemapKind
+from rosidl_py_gen.runtime.node.settings import RosArgumentError, RosArguments, parse_arguments
 from rosidl_py_gen.runtime.parameters.values import parameter_value
 
 FILES = {

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError, read_environment
+from rosidl_py_gen.runtime.node.settings import EnvironmentSettingError, read_environment
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange
 
 

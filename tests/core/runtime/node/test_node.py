@@ -37,7 +37,7 @@ from rosidl_py_gen.runtime.entities.message_types import (
     message_type,
     service_type,
 )
-from rosidl_py_gen.runtime.logs.loggers import get_logger
+from rosidl_py_gen.runtime.logs import get_logger
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability

@@ -17,7 +17,7 @@ from rosidl_py_gen import compile_definition, get_message, get_service, type_des
 from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
-from rosidl_py_gen.runtime.type_resolution import announcements
+from rosidl_py_gen.runtime import type_descriptions
 from rosidl_py_gen.type_loading import class_lookup, from_description
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ async def test_resolve_type_waits_for_late_node_names_of_announcers(
     robot, asker = told_by(world, told), world.node("asker", parameter_overrides=SERVICE_OFF)
     told.announce(asker, topic_name("/t"))
     await until(lambda: asker.count_publishers("t") == 2)
-    node_of, late = announcements.node_name_of, ["/robot"]
+    node_of, late = type_descriptions.node_name_of, ["/robot"]
 
     def known(graph: Any, endpoint: Any) -> str:
         name = node_of(graph, endpoint)
@@ -130,7 +130,7 @@ async def test_resolve_type_waits_for_late_node_names_of_announcers(
         late.clear()
         told.announce(robot, topic_name("/other"))
 
-    monkeypatch.setattr(announcements, "node_name_of", known)
+    monkeypatch.setattr(type_descriptions, "node_name_of", known)
     asyncio.get_running_loop().call_later(0.5, announce_name)
     assert type_hash(await asker.resolve_type("t", timeout_s=10)) == told.hash
     assert not late
@@ -139,7 +139,7 @@ async def test_resolve_type_waits_for_late_node_names_of_announcers(
 async def test_valid_description_is_accepted_despite_a_lying_and_a_silent_node(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    timeout_name = "rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S"
+    timeout_name = "rosidl_py_gen.runtime.type_resolver.ANSWER_TIMEOUT_S"
     monkeypatch.setattr(timeout_name, 0.5)
     told, lie = fresh(), fresh("int32 y")
 
@@ -169,7 +169,7 @@ async def test_description_request_is_repeated_after_a_lost_reply(world: World) 
 
 
 async def test_silent_node_raises_error_within_the_timeout(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S", 30.0)
+    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolver.ANSWER_TIMEOUT_S", 30.0)
 
     async def never(request: Any) -> Any:
         await asyncio.sleep(60)

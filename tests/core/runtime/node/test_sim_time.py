@@ -13,9 +13,9 @@ from support.waiting import until
 from support.worlds import World, entity
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.clocks import Clock
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
-from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time_values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 
 pytestmark = pytest.mark.on_zenoh
 

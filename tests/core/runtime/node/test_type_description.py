@@ -22,8 +22,8 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetLoggerLevels
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.type_resolution import description_service
-from rosidl_py_gen.runtime.type_resolution.description_service import TypeDescriptionError
+from rosidl_py_gen.runtime.type_descriptions import TypeDescriptionError
+from rosidl_py_gen.runtime import type_descriptions
 
 pytestmark = pytest.mark.on_zenoh
 
@@ -155,7 +155,7 @@ async def test_node_name_of_type_description_request_is_not_remapped(world: Worl
 async def test_get_type_description_waits_for_a_node_created_later(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(description_service, "ENDPOINTS_TIMEOUT_S", 10.0)  # the endpoint is announced after the node
+    monkeypatch.setattr(type_descriptions, "ENDPOINTS_TIMEOUT_S", 10.0)  # the endpoint is announced after the node
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0)  # the request is waiting now
@@ -229,7 +229,7 @@ async def test_type_description_failure_is_replied_and_logged(
         raise RuntimeError("disk on fire")
 
     world.node("n").create_publisher(Foo, "foo")
-    monkeypatch.setattr(description_service, broken, fail)
+    monkeypatch.setattr(type_descriptions, broken, fail)
     with caplog.at_level(logging.ERROR), pytest.raises(TypeDescriptionError, match=reason):
         await world.node("asker").get_type_description("/n", "", type_hash(Foo), timeout_s=5)
     assert "disk on fire" in caplog.text

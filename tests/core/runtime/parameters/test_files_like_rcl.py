@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from support.parameter_file_cases import DEVIATIONS, GOLDEN, REFUSED, results
 
-from rosidl_py_gen.runtime.node.arguments import parse_arguments
+from rosidl_py_gen.runtime.node.settings import parse_arguments
 from rosidl_py_gen.runtime.parameters.values import ParameterType, ParameterValue
 
 

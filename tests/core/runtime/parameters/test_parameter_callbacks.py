@@ -11,7 +11,7 @@ import pytest
 from support.parameter_store import StoreWorld, p
 
 from rosidl_py_gen.runtime import CallbackAnswerError, SetResult
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, update_parameters
+from rosidl_py_gen.runtime.parameters.dataclass_parameters import bind_class, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 

@@ -13,15 +13,17 @@ import pytest
 from support.parameter_store import StoreWorld, p
 
 from rosidl_py_gen.runtime import SetResult
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, snapshot, update_parameters
-from rosidl_py_gen.runtime.parameters.dataclass_fields import (
+from rosidl_py_gen.runtime.parameters.dataclass_parameters import (
     Int8,
     ParameterClassError,
     Range,
     ReadOnly,
     UInt16,
     UInt64,
+    bind_class,
     parameter_fields_of,
+    snapshot,
+    update_parameters,
 )
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,

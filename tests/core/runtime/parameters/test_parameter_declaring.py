@@ -9,7 +9,7 @@ import pytest
 from support.parameter_store import StoreWorld, p
 
 from rosidl_py_gen.runtime import ParameterEvent, SetResult
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
+from rosidl_py_gen.runtime.parameters.dataclass_parameters import bind_class
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.dataclass_parameters import bind_class, snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 

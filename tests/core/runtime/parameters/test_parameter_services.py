@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime import (
     Time,
     WaitTimeoutError,
 )
-from rosidl_py_gen.runtime.parameters.messages import (
+from rosidl_py_gen.runtime.parameters.services import (
     descriptor_from_message,
     descriptor_to_message,
     value_from_message,

@@ -11,8 +11,8 @@ from support.waiting import take, until
 from support.worlds import World
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
-from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.parameters.dataclass_binding import snapshot, update_parameters
+from rosidl_py_gen.runtime.loop.queues import AsyncQueue
+from rosidl_py_gen.runtime.parameters.dataclass_parameters import snapshot, update_parameters
 
 pytestmark = pytest.mark.on_zenoh
 

@@ -6,20 +6,18 @@ import math
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.validation import (
-    float_range_reason,
-    integer_range_reason,
-    list_names,
-    range_reason,
-    refusal_reason,
-)
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     Parameter,
     ParameterDescriptor,
     ParameterType,
+    float_range_reason,
+    integer_range_reason,
+    list_names,
     parameter_value,
+    range_reason,
+    refusal_reason,
 )
 
 

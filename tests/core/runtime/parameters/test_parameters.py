@@ -8,8 +8,7 @@ import pytest
 from support.parameter_store import StoreWorld, p
 
 from rosidl_py_gen.runtime import ParameterEvent, SetResult
-from rosidl_py_gen.runtime.parameters.callbacks import RefusedError
-from rosidl_py_gen.runtime.parameters.store import ParameterStore
+from rosidl_py_gen.runtime.parameters.store import ParameterStore, RefusedError
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,

@@ -6,8 +6,8 @@ import logging
 
 import pytest
 
-from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.values import (
+from rosidl_py_gen.runtime.clocks import Clock
+from rosidl_py_gen.runtime.time_values import (
     ClockChange,
     ClockType,
     ClockTypeError,

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.time.clock_timer import TimerSchedule, period_to_ns
-from rosidl_py_gen.runtime.time.values import Duration, TimeRangeError
+from rosidl_py_gen.runtime.clocks import TimerSchedule, period_to_ns
+from rosidl_py_gen.runtime.time_values import Duration, TimeRangeError
 
 
 def test_late_calls_do_not_shift_later_due_times() -> None:

@@ -14,9 +14,8 @@ import pytest
 from support.waiting import run, until
 from support.worlds import World
 
-from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.clock_timer import Rate
-from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.clocks import Clock, Rate
+from rosidl_py_gen.runtime.time_values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 pytestmark = pytest.mark.on_zenoh

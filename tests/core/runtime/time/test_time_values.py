@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError, seconds_to_ns
+from rosidl_py_gen.runtime.time_values import ClockType, ClockTypeError, Duration, Time, TimeRangeError, seconds_to_ns
 
 ROS, SYSTEM, STEADY = ClockType.ROS_TIME, ClockType.SYSTEM_TIME, ClockType.STEADY_TIME
 NS = st.integers(-(2**62), 2**62)

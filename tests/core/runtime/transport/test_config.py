@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
-from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, OPTIONAL_ELEMENTS, cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone.library import DEFAULT_CONFIG, OPTIONAL_ELEMENTS, cyclone_xml
 
 LOCALHOST, OFF = DiscoveryRange.LOCALHOST, DiscoveryRange.OFF
 

@@ -13,8 +13,8 @@ from support import raw_endpoints
 
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
-from rosidl_py_gen.runtime.transport.dds.correlation import (
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, IncompatiblePeer, ServerAvailability
+from rosidl_py_gen.runtime.transport.dds.services import (
     ClientCorrelation,
     add_request_header,
     client_gid,
@@ -25,7 +25,6 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     parse_request_header,
     strip_request_header,
 )
-from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 
 if TYPE_CHECKING:
     pass

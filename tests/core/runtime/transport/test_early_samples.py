@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsSupport
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.peers import (
     EarlySampleReaders,
     acknack_packet,
     parse_locators,

@@ -31,7 +31,7 @@ from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers, FastDdsSupport
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import INLINE_QOS_BYTES
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import DATA, DATA_FRAG, INFO_DST, INFO_SRC, INLINE_QOS_FLAG
-from rosidl_py_gen.runtime.transport.dds import correlation
+from rosidl_py_gen.runtime.transport.dds import services
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -53,12 +53,12 @@ AS_FAST_DDS = """
 import asyncio, os, sys
 from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsPeers
-from rosidl_py_gen.runtime.transport.dds import correlation
+from rosidl_py_gen.runtime.transport.dds import services
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
 # Every participant is considered one on Fast DDS, so hooks are active, and servers need the identity.
 FastDdsPeers.uses_sample_identity = lambda self, guid: True
-correlation.ClientCorrelation.all_answered = lambda self: False
+services.ClientCorrelation.all_answered = lambda self: False
 
 def answer(request):
     return Types.Response(types=[len(name) for name in request.names])
@@ -113,7 +113,7 @@ if len(sys.argv) > 1:  # leave without closing anything
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make participants consider every participant one on Fast DDS, which activates the receive hook."""
     monkeypatch.setattr(FastDdsPeers, "uses_sample_identity", lambda self, guid: True)
-    monkeypatch.setattr(correlation.ClientCorrelation, "all_answered", lambda self: False)
+    monkeypatch.setattr(services.ClientCorrelation, "all_answered", lambda self: False)
 
 
 def vtable_of(node: Node, dds_type: str) -> int:
@@ -481,7 +481,7 @@ async def test_ctrl_c_is_raised_after_the_send_hook_returned_to_cyclone(dds: Wor
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
         writer: Any = types._transport_client._writer
         with interrupted(hooks) as calls:  # the hook is called for a sample without identity, too
-            writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
+            writer.write(services.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
         assert len(calls) == 1
 
 

@@ -15,7 +15,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
-from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime.node.settings import read_environment
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec, EntityLost, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.qos import QoSProfile

@@ -10,27 +10,25 @@ import pytest
 
 from rosidl_py_gen.runtime.transport import qos
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TopicKey
-from rosidl_py_gen.runtime.transport.matching import (
-    Compatibility,
-    Incompatibility,
-    IncompatibilityKind,
-    check_compatible,
-    resolve_best_available,
-    without_best_available,
-)
 from rosidl_py_gen.runtime.transport.qos import (
     BEST_AVAILABLE,
     DEFAULT,
     INFINITE_NS,
     SENSOR_DATA,
     SYSTEM_DEFAULT,
+    Compatibility,
     Durability,
     History,
+    Incompatibility,
+    IncompatibilityKind,
     InvalidQoSError,
     Liveliness,
     QoSProfile,
     Reliability,
     as_profile,
+    check_compatible,
+    resolve_best_available,
+    without_best_available,
 )
 
 REL, BE = Reliability.RELIABLE, Reliability.BEST_EFFORT

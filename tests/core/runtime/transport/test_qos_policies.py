@@ -56,9 +56,8 @@ def test_every_policy_has_a_row_a_changed_value_and_a_number() -> None:
 @pytest.mark.dds
 @pytest.mark.parametrize("field", ANNOUNCED)
 def test_dds_endpoints_have_the_policy(field: str) -> None:
-    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
-    from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, load
-    from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, read_profile
+    from rosidl_py_gen.runtime.transport.cyclone.endpoints import endpoint_qos, read_profile
+    from rosidl_py_gen.runtime.transport.cyclone.library import CycloneApi, DdscLibrary, load
 
     library = load(os.environ)
     assert isinstance(library, DdscLibrary)

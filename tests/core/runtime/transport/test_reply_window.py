@@ -5,8 +5,8 @@ from __future__ import annotations
 from weakref import WeakSet
 
 from rosidl_py_gen.runtime.transport.api import ClockFunctions
+from rosidl_py_gen.runtime.transport.flow_control import ACK_TIMEOUT_S, HOLD_S, PROBE_S, ReplyWindow
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
-from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, PROBE_S, ReplyWindow
 
 
 class Server:

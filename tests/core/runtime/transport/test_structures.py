@@ -14,7 +14,7 @@ from support import raw_endpoints
 from support.raw_endpoints import participant_of
 
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
-from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
+from rosidl_py_gen.runtime.transport.cyclone import library, private_layout
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
@@ -150,7 +150,7 @@ def test_write_consumes_the_sample_reference_unless_it_fails_before_the_writer(p
         sample = new(participant, HEADER + b"12345678")
         add_reference(sample)
         assert API.writecdr(entity, sample) == code
-        assert reference_count(sample) == left and (code in c_api.SAMPLE_NOT_CONSUMED) == (left == 2)
+        assert reference_count(sample) == left and (code in library.SAMPLE_NOT_CONSUMED) == (left == 2)
         for _ in range(left):
             API.serdata_unref(sample)
 

@@ -17,7 +17,7 @@ from support.waiting import until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.transport.cyclone import qos as cyclone_qos
+from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe
+from rosidl_py_gen.runtime.transport.cyclone.endpoints import WakeupPipe
 
 
 @pytest.mark.parametrize("in_thread", [False, True])

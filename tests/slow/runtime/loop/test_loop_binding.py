@@ -24,8 +24,8 @@ from support.waiting import rests, until
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop, end_tasks
 from rosidl_py_gen.runtime.node.context import attach_all
+from rosidl_py_gen.runtime.transport.cyclone import endpoints
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone import wakeup_pipe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -153,7 +153,7 @@ def test_another_thread_can_close_a_context_of_a_running_loop(dds: World, kind: 
 
 
 def test_receiver_thread_is_used_if_loops_cannot_watch_pipes(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wakeup_pipe, "LOOPS_CAN_WATCH", False)  # as on Windows
+    monkeypatch.setattr(endpoints, "LOOPS_CAN_WATCH", False)  # as on Windows
     alice, bob = dds.pair()
     assert threads() == ["rosidl-py-gen receiver"] * 2
     received = numbers(bob, qos=1)
@@ -209,11 +209,11 @@ def test_samples_are_delivered_although_the_wakeup_pipe_overflowed(dds: World) -
     for _ in range(2):  # the second time the stream had its error
         for number in range(17_000):  # 16384 handles fill 64 KiB
             to_crowd.publish(Int32(data=number))
-        assert wakeup_pipe.ferror(participant.pipe.stream)
+        assert endpoints.ferror(participant.pipe.stream)
         to_single.publish(Int32(data=1))
         run_on("asyncio", main())
         assert (crowd, single) == ([16_999], [1])
-        assert not wakeup_pipe.ferror(participant.pipe.stream)
+        assert not endpoints.ferror(participant.pipe.stream)
         crowd.clear()
         single.clear()
 

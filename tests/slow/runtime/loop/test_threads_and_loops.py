@@ -101,7 +101,7 @@ def test_message_published_between_two_loops_does_not_stop_delivery(world: World
 @pytest.mark.every_transport
 def test_client_can_be_used_on_consecutive_loops(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # Server with a short request queue, as on rmw_cyclonedds.
-    from rosidl_py_gen.runtime.entities import service_common as service
+    from rosidl_py_gen.runtime.entities import services as service
 
     server, caller = world.pair()
     client = caller.create_client(AddTwoInts, "add")
@@ -264,7 +264,7 @@ def test_blocking_call_between_two_runs_of_a_loop_returns_the_context_to_it(worl
 async def test_no_request_of_three_clients_is_lost_by_a_slow_server_with_short_queue(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rosidl_py_gen.runtime.entities import service_common as service
+    from rosidl_py_gen.runtime.entities import services as service
 
     server, caller = world.pair()
 

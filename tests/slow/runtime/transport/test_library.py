@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.c_api import REQUIRED_SYMBOLS, CycloneApi
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import FastDdsSupport
-from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, candidates, load
+from rosidl_py_gen.runtime.transport.cyclone.library import REQUIRED_SYMBOLS, CycloneApi, DdscLibrary, candidates, load
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import VtableSlots
 
 if TYPE_CHECKING:

@@ -11,9 +11,11 @@ Only `transport/cyclone` imports this package, and only these names. Source: doc
 what is read and written in Cyclone's memory: docs/internals/cyclone_memory.md 1.
 """
 
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.peers import FastDdsPeers
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleIdentities
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.support import FastDdsSupport
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import (
+    FastDdsInterop,
+    FastDdsSupport,
+    SampleIdentities,
+)
 
 __all__ = ["FastDdsInterop", "FastDdsPeers", "FastDdsSupport", "SampleIdentities"]

@@ -12,11 +12,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.api import TransportError
-from rosidl_py_gen.runtime.transport.zenoh import config as config_module
+from rosidl_py_gen.runtime.transport.zenoh import participant as config_module
 from rosidl_py_gen.runtime.transport.zenoh import router as router_module
-from rosidl_py_gen.runtime.transport.zenoh.config import (
+from rosidl_py_gen.runtime.transport.zenoh.participant import (
     ZenohConfigError,
-    endpoints_of,
+    configured_endpoints,
     router_attempts,
     router_config,
     session_config,
@@ -70,16 +70,16 @@ def test_default_router_listens_on_all_interfaces() -> None:
     expected = {**BOTH, "mode": "router", "listen/endpoints": ["tcp/[::]:7447"]}
     config = router_config({}, refuse)
     assert values(config, expected) == expected
-    assert endpoints_of(config, "connect") == []
+    assert configured_endpoints(config, "connect") == []
 
 
 def test_router_endpoints_of_the_caller_override_file_and_variables(tmp_path: Path) -> None:
     path = tmp_path / "router.json5"
     path.write_text('{mode: "router", listen: {endpoints: ["tcp/127.0.0.1:1"]}}')
     environ = {"ZENOH_ROUTER_CONFIG_URI": str(path), "ZENOH_CONFIG_OVERRIDE": 'listen/endpoints=["tcp/127.0.0.1:2"]'}
-    assert endpoints_of(router_config(environ, refuse), "listen") == ["tcp/127.0.0.1:2"]
+    assert configured_endpoints(router_config(environ, refuse), "listen") == ["tcp/127.0.0.1:2"]
     config = router_config(environ, refuse, listen=["tcp/127.0.0.1:3"], connect=["tcp/127.0.0.1:4"])
-    assert (endpoints_of(config, "listen"), endpoints_of(config, "connect")) == (
+    assert (configured_endpoints(config, "listen"), configured_endpoints(config, "connect")) == (
         ["tcp/127.0.0.1:3"],
         ["tcp/127.0.0.1:4"],
     )
@@ -97,7 +97,7 @@ def test_endpoints_may_depend_on_the_mode(tmp_path: Path) -> None:
     path = tmp_path / "session.json5"
     path.write_text('{mode: "client", connect: {endpoints: {client: ["tcp/robot:7447"], peer: ["tcp/other:7447"]}}}')
     config = session_config({"ZENOH_SESSION_CONFIG_URI": str(path)}, refuse)
-    assert (endpoints_of(config, "connect"), endpoints_of(config, "listen")) == (["tcp/robot:7447"], [])
+    assert (configured_endpoints(config, "connect"), configured_endpoints(config, "listen")) == (["tcp/robot:7447"], [])
 
 
 @pytest.mark.parametrize(

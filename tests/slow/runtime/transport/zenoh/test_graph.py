@@ -9,8 +9,16 @@ from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost, NodesAnnounced, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.zenoh.token_graph import TokenGraph, endpoints_of, participant_guid
-from rosidl_py_gen.runtime.transport.zenoh.wire_formats import EndpointToken, EntityKind, NodeToken, gid_of, read_token
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
+    EndpointToken,
+    EntityKind,
+    NodeToken,
+    TokenGraph,
+    endpoints_of,
+    gid_of,
+    participant_guid,
+    read_token,
+)
 
 ODD = [
     "@ros2_lv/0/1a/5/5/NN/%/%/a",

@@ -18,7 +18,7 @@ from support.zenoh_peer import CDR, PlainPublisher
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import Context, GoalStatus
 from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.runtime.transport.zenoh.config import ZenohConfigError
+from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohConfigError
 
 if TYPE_CHECKING:
     from support.worlds import World

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, ServiceSpec, TopicKey, TransportError
+from rosidl_py_gen.runtime.transport.middleware_threads import ReadyItems
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
-from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh import endpoints
 from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 

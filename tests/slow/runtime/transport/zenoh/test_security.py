@@ -15,7 +15,7 @@ import zenoh
 from support.folders import ROOT
 from support.markdown_pages import blocks
 
-from rosidl_py_gen.runtime.transport.zenoh.config import session_config
+from rosidl_py_gen.runtime.transport.zenoh.participant import session_config
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter
 
 if TYPE_CHECKING:

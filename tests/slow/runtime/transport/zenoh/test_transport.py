@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime import Context, Node, QoSProfile
 from rosidl_py_gen.runtime.node.context import resolve_transport
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
-from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
+from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohTransport
 
 
 def run_program(text: str) -> tuple[int, str, str]:
@@ -56,7 +56,7 @@ def test_transport_argument_overrides_rmw_implementation(
 
 
 def test_zenoh_is_the_default_if_only_zenoh_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.node.environment.library.is_found", lambda: False)
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.settings.library.is_found", lambda: False)
     assert isinstance(resolve_transport(None), ZenohTransport)
 
 

@@ -1,1 +1,0 @@
-"""Graph of nodes, topics, services and endpoints, fed by discovery."""

@@ -1,1 +1,0 @@
-"""Names of nodes, topics and services: validation, expansion and remapping."""
