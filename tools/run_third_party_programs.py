@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from support.program_observer import Seen, watch
 
-from rosidl_py_gen.ros_cli.prefix.executables import of_sources
+from rosidl_py_gen.prefix.executables import of_sources
 from rosidl_py_gen.runtime import Context, Node
 
 T = TypeVar("T")

@@ -28,8 +28,8 @@ from rosidl_py_gen.base.interrupts import BROKEN_PIPE, command_interrupts
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import printable_lines
+from rosidl_py_gen.command_support import report
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
-from rosidl_py_gen.ros_cli.command_support import report
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -79,7 +79,9 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
     def run(**arguments: Any) -> None:
         context: AbstractContextManager[None] = nullcontext()
         if "network" in arguments and arguments.get("bag") is None:
-            context = import_module("rosidl_py_gen.ros_cli.command_node").context_opened_early(arguments["network"])
+            context = import_module("rosidl_py_gen.command_support.command_node").context_opened_early(
+                arguments["network"]
+            )
         try:
             with context:
                 result = function(**arguments)
@@ -135,7 +137,7 @@ def main(arguments: list[str] | None = None) -> None:
         warnings.showwarning = _show_warning
         if words[:1] == ["run"] and words[1:2] and not words[1].startswith("-"):
             # without the options, click is not needed
-            start = import_module("rosidl_py_gen.ros_cli.program_runner.run").start
+            start = import_module("rosidl_py_gen.program_runner.run").start
             result = start(words[1:], with_project_path(()), False, False, False)
         else:
             result = root().main(arguments, prog_name="rosidl-py", standalone_mode=False)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import options, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import options
 from rosidl_py_gen.ros_cli.graph_verbs import find_verb, list_verb, type_verb
 
 if TYPE_CHECKING:
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus, Node
 
 
 def _actions(node: Node) -> list[dict[str, Any]]:
-    from rosidl_py_gen.ros_cli.name_lookup import actions
+    from rosidl_py_gen.command_support.graph_lookup import actions
 
     return [{"name": name, "types": types} for name, types in actions(node.get_topic_names_and_types())]
 
@@ -47,7 +47,7 @@ async def info(command_node: CommandNode, action: str, show_types: bool, count: 
     \b
     rosidl-py action info /fibonacci -t
     """
-    from rosidl_py_gen.ros_cli.name_lookup import actions
+    from rosidl_py_gen.command_support.graph_lookup import actions
 
     node = command_node.node
     name = await command_node.find("action", action)
@@ -68,7 +68,7 @@ def _nodes_with(action: str, node: Node, topics_of: Callable[[str, str], Any]) -
 
     The function `topics_of(name, namespace)` returns the topics of a node.
     """
-    from rosidl_py_gen.ros_cli.name_lookup import actions
+    from rosidl_py_gen.command_support.graph_lookup import actions
 
     return [
         {"node": one.fully_qualified_name, "types": types}
@@ -106,14 +106,15 @@ async def send_goal(
     rosidl-py action send_goal /fibonacci '{order: 5}' --feedback
     rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
     """
-    from rosidl_py_gen.ros_cli import message_text, type_resolution
+    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     type_name, text = message_text.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     show.say("Waiting for an action server to become available...")
-    name = await type_resolution.preload_while_waiting(command_node.find("action", action, timeout_s))
-    cls: Any = await type_resolution.interface_class(command_node, "action", name, type_name, paths)
+    name = await graph_lookup.preload_while_waiting(command_node.find("action", action, timeout_s))
+    cls: Any = await graph_lookup.interface_class(command_node, "action", name, type_name, paths)
     goal = message_text.message_from(cls.Goal, text)
     client = command_node.node.create_action_client(cls, name)
     try:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Sequence
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
 
 
 T = TypeVar("T")
@@ -108,7 +108,7 @@ def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: st
 
 def complete_enclaves(context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete names of enclaves in the keystore that the command line names."""
-    from rosidl_py_gen.ros_cli.security.keystore import Keystore
+    from rosidl_py_gen.security.keystore import Keystore
 
     return _items(lambda: Keystore(Path(context.params["root"]), lambda text: None).list_enclaves(), incomplete)
 
@@ -126,7 +126,7 @@ def _names(what: str, context: click.Context) -> list[str]:
 
         return known_names(_KINDS[what], paths)
     if what in ("workspace packages", "launch files"):
-        from rosidl_py_gen.ros_cli.prefix.workspaces import workspaces
+        from rosidl_py_gen.prefix.environment import workspaces
 
         folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
         if what == "workspace packages":
@@ -142,7 +142,7 @@ def _query(context: click.Context, request: Callable[[CommandNode], Awaitable[T]
     """Create a command node, wait for discovery, call `request` with the node, and return its result."""
     import asyncio
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
 
     async def main() -> T:
         async with CommandNode(context.params.get("network", {})) as command_node:
@@ -157,7 +157,7 @@ def _timeout_s(context: click.Context) -> float:
 
 
 async def _live_names(what: str, command_node: CommandNode, context: click.Context) -> list[str]:
-    from rosidl_py_gen.ros_cli.name_lookup import full_name, graph_names
+    from rosidl_py_gen.command_support.graph_lookup import full_name, graph_names
 
     if what == "parameters":
         client = command_node.node.create_parameter_client(full_name(command_node.node, context.params["node"], "node"))
@@ -168,7 +168,7 @@ async def _live_names(what: str, command_node: CommandNode, context: click.Conte
 
 def _bag_names(kind: str, context: click.Context) -> list[str]:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.ros_cli.name_lookup import topic_owner
+    from rosidl_py_gen.command_support.graph_lookup import topic_owner
 
     words = context.params
     names: set[str] = set()
@@ -180,11 +180,11 @@ def _bag_names(kind: str, context: click.Context) -> list[str]:
 
 
 def _announced_types(kind: str, context: click.Context) -> list[str]:
-    from rosidl_py_gen.ros_cli import name_lookup, type_resolution
+    from rosidl_py_gen.command_support import graph_lookup
 
     async def request(command_node: CommandNode) -> list[str]:
-        name = name_lookup.full_name(command_node.node, context.params[kind], kind)
-        return type_resolution.announced_types(command_node, kind, name)
+        name = graph_lookup.full_name(command_node.node, context.params[kind], kind)
+        return graph_lookup.announced_types(command_node, kind, name)
 
     return _query(context, request)
 
@@ -204,17 +204,17 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     """
     import asyncio
 
-    from rosidl_py_gen.ros_cli import name_lookup, type_resolution
+    from rosidl_py_gen.command_support import graph_lookup
 
     type_name = type_name or context.params.get("type_name")
     paths = context.params.get("paths") or ()
     if type_name:
         with suppress(RosidlError):
-            return type_resolution.installed_class(kind, type_name, paths)
+            return graph_lookup.installed_class(kind, type_name, paths)
 
     async def request(command_node: CommandNode) -> Any:
-        name = name_lookup.full_name(command_node.node, context.params[kind], kind)
-        resolving = type_resolution.interface_class(command_node, kind, name, type_name, paths)
+        name = graph_lookup.full_name(command_node.node, context.params[kind], kind)
+        resolving = graph_lookup.interface_class(command_node, kind, name, type_name, paths)
         return await asyncio.wait_for(resolving, _timeout_s(context))
 
     return _query(context, request)

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, resolve_name
 from rosidl_py_gen.compiler.frontend.search_path import missing_package, scan_search_path
 from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions, written_messages
 from rosidl_py_gen.errors import InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.type_loading.disk_cache import cached_descriptions
 
 if TYPE_CHECKING:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Node
 
     Option = Callable[[Any], Any]
@@ -29,7 +30,7 @@ async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, 
         hidden: include names with a part that begins with an underscore.
         type_name: include only names of this type.
     """
-    from rosidl_py_gen.ros_cli.name_lookup import is_hidden
+    from rosidl_py_gen.command_support.graph_lookup import is_hidden
 
     await command_node.wait_for_discovery()
     command_node.note_if_alone()
@@ -77,7 +78,7 @@ def type_verb(kind: str, example: str, *more: Option) -> Callable[..., None]:
     """Return the command ``type`` of a topic, service or action (`kind`); `more` may add an option `timeout_s`."""
 
     async def type_(command_node: CommandNode, as_json: bool, timeout_s: float | None = None, **name: str) -> None:
-        from rosidl_py_gen.ros_cli.type_resolution import announced_types
+        from rosidl_py_gen.command_support.graph_lookup import announced_types
 
         full_name = await command_node.find(kind, name[kind], timeout_s)
         if kind == "topic":  # other publishers may have another type

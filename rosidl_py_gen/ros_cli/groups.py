@@ -19,26 +19,25 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
         "pictures: images, video.\n\n"
         "Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.",
         {
-            **{
-                name: f"bag.{name}"
-                for name in ("convert", "info", "merge", "migrate", "plot", "reindex", "sql", "table")
-            },
+            **{name: f"bag.{name}" for name in ("info", "merge", "migrate", "plot")},
+            "convert reindex": "bag.convert",
             "images": "bag.images",
             "video": "bag.video",
-            "play": "playback.command",
-            "record": "recording.command",
+            "play": "playback",
+            "record": "recording",
+            "sql table": "bag.tables",
         },
     ),
     "completion": ("Print the completion script of a shell.", "completion"),
-    "demo": ("Run a small robot that drives in a room.", "demo.command"),
-    "doctor": ("Check this installation, the settings, the network and its peers.", "doctor.check"),
-    "foxglove": ("Show topics, parameters and services live in Foxglove or Lichtblick.", "foxglove.command"),
-    "graph": ("Nodes and topics as text, Mermaid or SVG.", "graph.command"),
+    "demo": ("Run a small robot that drives in a room.", "demo"),
+    "doctor": ("Check this installation, the settings, the network and its peers.", "doctor"),
+    "foxglove": ("Show topics, parameters and services live in Foxglove or Lichtblick.", "foxglove"),
+    "graph": ("Nodes and topics as text, Mermaid or SVG.", "graph"),
     "interface": (
         "Definitions of messages, services and actions: those bundled, of AMENT_PREFIX_PATH and of --path.",
         {"hash list package packages proto show": "interface"},
     ),
-    "launch": ("Run a launch file without building its workspace.", "launch.command"),
+    "launch": ("Run a launch file without building its workspace.", "launch"),
     "lifecycle": (
         "Lifecycle nodes: list them, get and set their states, list their transitions.",
         {"get list nodes set": "lifecycle"},
@@ -49,20 +48,21 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
         "Parameters: list, get, set, describe, dump, load, delete.",
         {"delete describe dump get list load set": "param"},
     ),
-    "prefix": ("Create an ament prefix of a workspace, without a build.", "prefix.command"),
-    "run": ("Run a program written for rclpy without changes.", "program_runner.command"),
+    "prefix": ("Create an ament prefix of a workspace, without a build.", "prefix"),
+    "run": ("Run a program written for rclpy without changes.", "run"),
     "security": (
         "Keystores for secured networks (SROS2): keys, certificates, permissions, policies.",
         {
-            "create_enclave create_keystore create_permission generate_artifacts list_enclaves": "security.commands",
-            "generate_policy": "security.generate_policy",
+            "create_enclave create_keystore create_permission generate_artifacts generate_policy list_enclaves": (
+                "security"
+            ),
         },
     ),
     "service": ("Services: list, find, type, info, call, echo.", {"call echo find info list type": "service"}),
-    "test": ("Run the pytest tests of a package.", "program_runner.command"),
+    "test": ("Run the pytest tests of a package.", "run"),
     "tf": (
         "Transforms: frames as a tree, one transform, rates and delays.",
-        {name: f"tf.{name}" for name in ("echo", "monitor", "tree")},
+        {"echo monitor tree": "tf"},
     ),
     "topic": (
         "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find.",

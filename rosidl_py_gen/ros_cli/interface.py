@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.ros_cli import options, terminal_output, verb
+from rosidl_py_gen.ros_cli import options, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rosidl_py_gen.ros_cli import options, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import Node
 
 _IDENTIFYING_SERVICE = "/get_state"
@@ -40,7 +40,7 @@ class _LifecycleAccess(NamedTuple):
 
 def _lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
     """Return the sorted full names of the lifecycle nodes in the graph."""
-    from rosidl_py_gen.ros_cli.name_lookup import nodes_serving
+    from rosidl_py_gen.command_support.graph_lookup import nodes_serving
 
     return nodes_serving(node, _IDENTIFYING_SERVICE, "lifecycle_msgs/srv/GetState", hidden=hidden)
 
@@ -97,7 +97,7 @@ async def get(command_node: CommandNode, node: str | None, hidden: bool, timeout
             state = await remote.state()
         terminal_output.result([_text(state)], as_json, _row(state))
         return 0
-    from rosidl_py_gen.ros_cli.command_node import results_by_name
+    from rosidl_py_gen.command_support.command_node import results_by_name
 
     await command_node.wait_for_discovery()
     names = _lifecycle_nodes(command_node.node, hidden=hidden)

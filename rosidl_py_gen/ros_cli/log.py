@@ -13,10 +13,11 @@ import click
 
 from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
 from rosidl_py_gen.base.terminal_text import printable_line
-from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.ros_cli import AsyncCommand, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription, QoSProfile
 
 _TOPIC = "/rosout"
@@ -77,7 +78,7 @@ def log(
 
 
 def _print_recorded(path: str, printer: LogPrinter) -> None:
-    from rosidl_py_gen.ros_cli.bag.display import messages_of_type
+    from rosidl_py_gen.ros_cli.bag.reading import messages_of_type
 
     for one in messages_of_type(path, _TYPE):
         if printer.is_done:
@@ -87,7 +88,7 @@ def _print_recorded(path: str, printer: LogPrinter) -> None:
 
 async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new: bool) -> None:
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
     async with CommandNode(network) as command_node:
@@ -122,7 +123,7 @@ def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
 
 
 async def _retained(messages: AdaptiveSubscription[Any]) -> list[Any]:
-    from rosidl_py_gen.ros_cli.command_node import now_s
+    from rosidl_py_gen.command_support.command_node import now_s
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     received = []

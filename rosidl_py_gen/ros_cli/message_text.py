@@ -21,9 +21,9 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import terminal_output, values
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.ros_cli import values
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
 
 
 @click.command("list")
@@ -24,7 +25,7 @@ async def list_(command_node: CommandNode, hidden: bool, count: bool, as_json: b
     rosidl-py node list
     rosidl-py node list --json | jq -r '.[].name'
     """
-    from rosidl_py_gen.ros_cli.name_lookup import is_hidden_node
+    from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
 
     await command_node.wait_for_node_names()
     command_node.note_if_alone()
@@ -50,7 +51,7 @@ async def info(command_node: CommandNode, node: str, hidden: bool, as_json: bool
     \b
     rosidl-py node info /talker
     """
-    from rosidl_py_gen.ros_cli.name_lookup import actions, is_hidden
+    from rosidl_py_gen.command_support.graph_lookup import actions, is_hidden
 
     full_name = await command_node.find("node", node)
     await command_node.wait_for_discovery()

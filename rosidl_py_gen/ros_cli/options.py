@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.generator_cli.command_line import distro, lazy_completion
 from rosidl_py_gen.ros_cli import AsyncCommand, verb
-from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions as NetworkOptions
+    from rosidl_py_gen.command_support.command_node import NetworkOptions as NetworkOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -211,7 +211,7 @@ def endless_node_verb(
         @wraps(function)
         def run(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
             async def main() -> int | None:
-                from rosidl_py_gen.ros_cli.command_node import CommandNode
+                from rosidl_py_gen.command_support.command_node import CommandNode
 
                 async with CommandNode(network) as command_node:
                     return await function(command_node=command_node, **arguments)

@@ -16,13 +16,13 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import printable_line
-from rosidl_py_gen.ros_cli import options, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError, report
+from rosidl_py_gen.command_support import CommandError, report, terminal_output
+from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Sequence
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import ParameterClient, ParameterDescriptor, ParameterType, ParameterValue, SetResult
 
 
@@ -99,8 +99,8 @@ async def list_(
     rosidl-py param list /talker --param-type
     rosidl-py param list --filter '.*rate'
     """
-    from rosidl_py_gen.ros_cli.command_node import results_by_name
-    from rosidl_py_gen.ros_cli.name_lookup import LIST_PARAMETERS, nodes_serving
+    from rosidl_py_gen.command_support.command_node import results_by_name
+    from rosidl_py_gen.command_support.graph_lookup import LIST_PARAMETERS, nodes_serving
 
     regex = options.compile_pattern(pattern or "", "--filter")
 
@@ -225,7 +225,7 @@ async def dump(command_node: CommandNode, node: str, output: str | None, timeout
     """
     import asyncio
 
-    from rosidl_py_gen.ros_cli.command_node import now_s
+    from rosidl_py_gen.command_support.command_node import now_s
 
     end_s = now_s() + timeout_s
     async with _parameters_of(command_node, node, timeout_s) as client:

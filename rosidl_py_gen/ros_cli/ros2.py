@@ -11,8 +11,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rosidl_py_gen.ros_cli import exit_on_error, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import exit_on_error
 
 _PACKAGES = Path("share", "ament_index", "resource_index", "packages")
 

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from rosidl_py_gen.ros_cli.foxglove.server import FoxgloveOptions, Server
-from rosidl_py_gen.ros_cli.foxglove.viewer import Handlers
+from rosidl_py_gen.foxglove.server import FoxgloveOptions, Handlers, Server
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import ros_cli
-from rosidl_py_gen.ros_cli import command_node
+from rosidl_py_gen.command_support import command_node
 from rosidl_py_gen.runtime import Context
 
 if TYPE_CHECKING:

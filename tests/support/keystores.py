@@ -13,13 +13,13 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat
 from cryptography.x509.oid import NameOID
 
-from rosidl_py_gen.ros_cli.security.certificates import CA_NAME, certificate_pem, key_pem, new_key, signed
-from rosidl_py_gen.ros_cli.security.permissions import governance_xml
+from rosidl_py_gen.security.certificates import CA_NAME, certificate_pem, key_pem, new_key, signed
+from rosidl_py_gen.security.policy import governance_xml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rosidl_py_gen.ros_cli.security.certificates import PrivateKey
+    from rosidl_py_gen.security.certificates import PrivateKey
 
 _DAY = datetime.timedelta(days=1)
 DISCOVERY_TOPIC = "ros_discovery_info"

@@ -1,24 +1,29 @@
-"""Command ``bag convert``, and the functions with which ``bag migrate`` creates and fills a bag, too."""
+"""Commands ``bag convert`` and ``bag reindex``, which repairs metadata and indexes of a bag.
+
+``bag merge`` and ``bag migrate`` create and fill their bags with functions of ``convert``, too.
+"""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
-from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Iterator, Mapping
 
     from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
-    from rosidl_py_gen.ros_cli.bag.selection import BagSelection
+    from rosidl_py_gen.ros_cli.bag.reading import BagSelection
 
 
 @click.command("convert", cls=options.MultiValueCommand)
@@ -57,8 +62,7 @@ def convert(
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
     from rosidl_py_gen.bags.copying import find_all_channels, omission_lines
-    from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
-    from rosidl_py_gen.ros_cli.bag.selection import channels_with_definitions, select_part
+    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag, select_part
 
     with opened_bag(path, search_path=paths) as reader:
         find_all_channels(reader)
@@ -131,7 +135,7 @@ def copy_bag(
         Number of copied messages, and numbers of items that the storage of the new bag cannot contain, by kind of item.
     """
     from rosidl_py_gen.bags.copying import BagCopy
-    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+    from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
     copy = BagCopy([reader], writer)
     (targets,) = copy.begin([channels])
@@ -154,3 +158,50 @@ def copy_bag(
             count += 1
     copy.end()
     return count, copy.omitted
+
+
+@click.command("reindex")
+@options.bag_path
+@options.as_json
+@verb
+def reindex(path: str, as_json: bool) -> int:
+    """Recreate the metadata.yaml of a bag folder, and repair files without an index, as after a crash.
+
+    A repaired file is rewritten; the old file is renamed to FILE.unindexed. Stop the recorder first.
+
+    \b
+    rosidl-py bag reindex my_bag
+    rosidl-py bag reindex my_bag/my_bag_3.mcap
+    """
+    from rosidl_py_gen.bags.copying import omission_lines
+    from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
+    from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, damaged_rows
+
+    location = Path(path)
+    with ProgressBar("bytes") as show:
+        result = reindex_folder(location, show) if location.is_dir() else reindex_file(location, show)
+    if as_json:
+        terminal_output.document(
+            {
+                "path": str(result.path),
+                "files": result.files,
+                "messages": result.messages,
+                "topics": result.topics,
+                "without_index": list(result.unindexed_files),
+                "kept": None if len(result.repaired) != 1 else str(result.repaired[0].backup),
+                "repaired": [{"file": str(one.path), "kept": str(one.backup)} for one in result.repaired],
+                "damaged": damaged_rows(result.damaged),
+                "unread_bytes": result.unread_bytes,
+                "not_carried_over": dict(result.omitted),
+            }
+        )
+        return DAMAGED if result.damaged else 0
+    for one in result.repaired:
+        reason = "had no index and is" if one.path.name in result.unindexed_files else "is"
+        terminal_output.note(f"{one.path.name} {reason} rewritten; the old file is renamed to {one.backup}")
+    for line in omission_lines(result.omitted):
+        terminal_output.note(line)
+    counts = f"{pluralize(result.messages, 'message')} of {pluralize(result.topics, 'topic')}"
+    terminal_output.line(f"{counts} in {pluralize(result.files, 'file')}: {result.path}")
+    print_next_step("rosidl-py bag info", quote(str(result.path)))
+    return DAMAGED if result.damaged else 0

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import options, terminal_output, verb
+from rosidl_py_gen.ros_cli import options, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic
@@ -31,7 +32,7 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> No
     rosidl-py bag info my_bag --json | jq '.topics[].name'
     rosidl-py bag info humble_bag --verbose --path ~/ws/src
     """
-    from rosidl_py_gen.ros_cli.bag.display import opened_bag
+    from rosidl_py_gen.ros_cli.bag.reading import opened_bag
 
     with opened_bag(path, search_path=paths) as reader:
         document = _document(reader, is_verbose)
@@ -45,7 +46,7 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> No
 def _with_counts(reader: BagReader) -> list[BagTopic]:
     from collections import Counter
 
-    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+    from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
     if all(one.count is not None for one in reader.channels):
         return reader.channels
@@ -58,7 +59,7 @@ def _with_counts(reader: BagReader) -> list[BagTopic]:
 
 def _document(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
     from rosidl_py_gen.bags.metadata import qos_profiles
-    from rosidl_py_gen.ros_cli.bag.display import damaged_rows
+    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows
 
     channels = _with_counts(reader)
     names = [file.name for file in reader.files]
@@ -109,7 +110,7 @@ def _qos(profile: QoSProfile) -> dict[str, Any]:
 
 
 def _show(document: dict[str, Any], is_verbose: bool) -> None:
-    from rosidl_py_gen.ros_cli.bag.display import duration_text, size_text, time_text
+    from rosidl_py_gen.ros_cli.bag.reading import duration_text, size_text, time_text
 
     rows = [
         ("Files", ", ".join(document["files"])),

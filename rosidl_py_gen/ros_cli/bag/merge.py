@@ -14,7 +14,8 @@ import click
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
-from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -68,8 +69,7 @@ def merge(
     shifts = _offsets_ns(bags, offsets)
     from rosidl_py_gen.bags.copying import find_all_channels, has_attachments, omission_lines
     from rosidl_py_gen.ros_cli.bag.convert import new_bag
-    from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
-    from rosidl_py_gen.ros_cli.bag.selection import channels_with_definitions
+    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag
 
     with ExitStack() as stack:
         readers = [stack.enter_context(opened_bag(bag, search_path=paths)) for bag in bags]
@@ -144,7 +144,7 @@ def _merge(
     Returns the number of messages, and numbers of things that the merged bag cannot store, by kind.
     """
     from rosidl_py_gen.bags.copying import BagCopy
-    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+    from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
     copy = BagCopy(readers, writer)
     targets = copy.begin(channels)

@@ -15,9 +15,9 @@ import click
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize
+from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
@@ -107,9 +107,8 @@ def migrate(
     from rosidl_py_gen.bags.copying import find_all_channels, omission_lines
     from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
-    from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
-    from rosidl_py_gen.ros_cli.bag.migration_rules import read_rules
-    from rosidl_py_gen.ros_cli.bag.selection import select_part
+    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part
+    from rosidl_py_gen.ros_cli.bag.yaml_files import read_rules
 
     omitted: Counter[str] = Counter()
     rules = read_rules(rules_file) if rules_file else MigrationRules()
@@ -198,7 +197,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen.bags.definition_lookup import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
     from rosidl_py_gen.compiler.migration import fields_of, message_converter, plan
-    from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
+    from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch
 
     if channel.message_encoding != "cdr":
         return _Topic(channel, channel, note=f"messages are {channel.message_encoding}")

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.plotting.output import require_output, show_plot
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.plotting.output import require_output, show_plot
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
+    from rosidl_py_gen.plotting.lines import PlotPanel
 
 
 @click.command("plot")
@@ -56,8 +56,8 @@ def plot(
     rosidl-py bag plot drive /imu linear_acceleration.x /odom twist.twist.linear.x --out drive.svg
     """
     require_output(out, in_terminal)
-    from rosidl_py_gen.ros_cli.bag.display import opened_bag
-    from rosidl_py_gen.ros_cli.plotting.lines import TimeAxis, topics_and_fields
+    from rosidl_py_gen.plotting.lines import TimeAxis, topics_and_fields
+    from rosidl_py_gen.ros_cli.bag.reading import opened_bag
 
     with ExitStack() as stack:
         bags: list[BagReader] = []
@@ -101,9 +101,8 @@ def _panels(
     skips: bool,
 ) -> list[PlotPanel]:
     """Return a plot panel for each topic, filled with fields of messages from one bag, which is read once."""
-    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
-    from rosidl_py_gen.ros_cli.bag.selection import select_part
-    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TopicLines
+    from rosidl_py_gen.plotting.lines import PlotPanel, TopicLines
+    from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, select_part
 
     part = select_part(bag, [name for name, _ in topics], offset_s, duration_s)
     lines: dict[str, TopicLines] = {}

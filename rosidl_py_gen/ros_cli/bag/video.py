@@ -13,13 +13,13 @@ import click
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.ros_cli.bag.image_messages import ImageMessages
+    from rosidl_py_gen.ros_cli.bag.images import ImageMessages
     from rosidl_py_gen.ros_cli.bag.video_file import VideoFile
 
 _SUFFIXES = (".mp4", ".mkv", ".mov")
@@ -70,8 +70,8 @@ def video(
     """
     require_modules("av")
     from rosidl_py_gen.bags.common import partial_path, written_durably
-    from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
-    from rosidl_py_gen.ros_cli.bag.image_messages import ImageMessages
+    from rosidl_py_gen.ros_cli.bag.images import ImageMessages
+    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.video_file import VideoFile
 
     target = Path(output)
@@ -124,7 +124,7 @@ def _encode(images: ImageMessages, target: VideoFile) -> None:
     Raises `CommandError` if there are none, if their size changes, or if a gap is very long.
     """
     from rosidl_py_gen.numpy import ConversionError, compressedimage_to_array, image_to_array
-    from rosidl_py_gen.ros_cli.bag.image_messages import IMAGE
+    from rosidl_py_gen.ros_cli.bag.images import IMAGE
 
     for item in images:
         convert = image_to_array if item.message._TYPE.name == IMAGE else compressedimage_to_array

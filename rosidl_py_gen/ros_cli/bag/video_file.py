@@ -16,7 +16,7 @@ import av
 import numpy as np
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

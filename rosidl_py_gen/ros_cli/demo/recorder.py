@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagWriter
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.runtime import Durability, Node, QoSProfile, Subscription
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.demo.schedule import Schedule
+    from rosidl_py_gen.ros_cli.demo.simulation import Schedule
 
 _DEPTH = 1000
 _LAST_MESSAGES_S = 0.1

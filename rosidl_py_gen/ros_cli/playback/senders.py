@@ -17,11 +17,10 @@ from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
-from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
+from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch
 from rosidl_py_gen.runtime import (
     Durability,
     QoSProfile,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, BagTopic
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.terminal_output import OnceNotes
+    from rosidl_py_gen.command_support.terminal_output import OnceNotes
     from rosidl_py_gen.runtime import Client, Node, Publisher
 
 

@@ -1,7 +1,8 @@
-"""Recorder, which receives messages and passes them to the writer of the bag, and the run of ``bag record``.
+"""Recorder, which selects topics, receives messages and passes them to the writer; the run of ``bag record``.
 
-A topic is subscribed to before its definition is known, so that no message is missed while the definition is requested
-from peers.
+A topic belongs to a service, an action or itself. Exclusion precedes inclusion. A topic is subscribed to before its
+definition is known, so that no message is missed while the definition is requested from peers.
+Source: rosbag2's design documents of recording services and actions, and its topic filter.
 """
 
 from __future__ import annotations
@@ -19,28 +20,91 @@ from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
+from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
+from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of, now_s
+from rosidl_py_gen.command_support.graph_lookup import TopicOwner, is_hidden, topic_owner
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import AsyncCommand, terminal_output, type_resolution
+from rosidl_py_gen.ros_cli import AsyncCommand
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
-from rosidl_py_gen.ros_cli.bag.display import size_text
-from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
+from rosidl_py_gen.ros_cli.bag.player_recorder import read_keys, read_qos_overrides
+from rosidl_py_gen.ros_cli.bag.reading import size_text
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
-from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of, now_s
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.keyboard import read_keys
-from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
-from rosidl_py_gen.ros_cli.recording.selection import Selection, owner_of
+from rosidl_py_gen.ros_cli.options import compile_pattern
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import AdaptiveSubscription, SecurityError, validate_full_name
 from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rosidl_py_gen.bags import BagWriter, SqliteWriter
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.recording.command import RecordOptions
+    from rosidl_py_gen.ros_cli.recording import RecordOptions
     from rosidl_py_gen.runtime import Node, QoSProfile
+
+
+def owner_of(topic: str, type_name: str) -> TopicOwner:
+    """Return the owner of a topic: the service or action that it belongs to, or else the topic itself."""
+    kind, name, _ = topic_owner(topic, type_name)
+    return TopicOwner(kind, name)
+
+
+class Selection:
+    """Topics that the options of ``bag record`` select.
+
+    Raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names.
+    """
+
+    def __init__(self, options: RecordOptions) -> None:
+        topics = [*options.topics, *options.more_topics]
+        included = {"topic": topics, "service": options.services, "action": options.actions}
+        self.named = [TopicOwner(kind, name) for kind, names in included.items() for name in _full_names(names)]
+        """Topics, services and actions that the user has named, hidden or not."""
+        self._excluded = {
+            "topic": {*_full_names(options.exclude_topics)},
+            "service": {*_full_names(options.exclude_services)},
+            "action": {*_full_names(options.exclude_actions)},
+        }
+        self._all = {
+            "topic": options.everything or options.all_topics,
+            "service": options.everything or options.all_services,
+            "action": options.everything or options.all_actions,
+        }
+        self._types = {str(split_ros_name(name, "msg")) for name in options.topic_types}
+        self._excluded_types = {str(split_ros_name(name, "msg")) for name in options.exclude_topic_types}
+        self._regex = None if options.regex is None else compile_pattern(options.regex, "--regex")
+        self._exclude_patterns = [compile_pattern(text, "--exclude") for text in options.exclude]
+        self._hidden = options.hidden
+
+    def takes(self, topic: str, type_name: str) -> bool:
+        """Return True if the options select a topic, so that it is recorded."""
+        if TopicOwner("topic", topic) in self.named:  # also if it belongs to a service or action
+            return not self._is_excluded(TopicOwner("topic", topic), type_name)
+        owner = owner_of(topic, type_name)
+        if self._is_excluded(owner, type_name):
+            return False
+        is_wanted = (
+            self._all[owner.kind]
+            or owner in self.named
+            or (self._regex is not None and self._regex.search(owner.name) is not None)
+        )
+        if owner.kind != "topic":
+            return is_wanted
+        return (is_wanted or type_name in self._types) and (self._hidden or not is_hidden(topic))
+
+    def _is_excluded(self, owner: TopicOwner, type_name: str) -> bool:
+        return (
+            owner.name in self._excluded[owner.kind]
+            or any(one.search(owner.name) for one in self._exclude_patterns)
+            or (owner.kind == "topic" and type_name in self._excluded_types)
+        )
+
+
+def _full_names(names: Iterable[str]) -> list[str]:
+    full_names = [name if name.startswith("/") else f"/{name}" for name in names]
+    for name in full_names:
+        validate_full_name(name)
+    return full_names
 
 
 _DEPTH = 1000
@@ -189,7 +253,7 @@ class Recorder:
     async def _record(self, topic: str, kind: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = [one.qos_profile for one in publishers if one.topic_type == kind]
-        cls = type_resolution.opaque_class(self._command_node, topic, kind)
+        cls = graph_lookup.opaque_class(self._command_node, topic, kind)
         try:
             following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
                 self._node,
@@ -210,7 +274,7 @@ class Recorder:
             bag_topic = await self._bag_topic(topic, kind, offered)
             self._writer.add_topic(bag_topic)
             if bag_topic.type_hash and not type_hash(cls):
-                messages.set_definition(type_resolution.opaque_message_class(kind, bag_topic.type_hash))
+                messages.set_definition(graph_lookup.opaque_message_class(kind, bag_topic.type_hash))
             self._note(f"recording {topic} [{kind}]")
             with suppress(ClosedError):  # the node ends
                 while True:
@@ -232,7 +296,7 @@ class Recorder:
             with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
-            cls = await type_resolution.interface_class(self._command_node, "topic", topic, kind, self._options.paths)
+            cls = await graph_lookup.interface_class(self._command_node, "topic", topic, kind, self._options.paths)
             return await self._topic_of(topic, cls, qos)
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
@@ -247,7 +311,7 @@ class Recorder:
             owner = owner_of(topic, type_name(cls))
             if owner.kind != "action":
                 raise
-            action = await type_resolution.interface_class(
+            action = await graph_lookup.interface_class(
                 self._command_node, "action", owner.name, paths=self._options.paths
             )
             text = definition_text(action)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image, ImageDraw, ImageFont
 
+from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.ros_cli.command_support import CommandError
 
 if TYPE_CHECKING:
     from pathlib import Path

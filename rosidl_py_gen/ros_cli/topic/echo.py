@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import options, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.topic.qos import qos_options, requested_profile
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import options
+from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.ros_cli.message_text import Style
 
 _LOST_NOTE_INTERVAL_S = 1.0
@@ -100,25 +100,25 @@ async def echo(
     not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
     any(x < 1 for x in m.ranges).
     """
-    from rosidl_py_gen.ros_cli import type_resolution
-    from rosidl_py_gen.ros_cli.command_node import now_s
+    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support.command_node import now_s
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
     from rosidl_py_gen.ros_cli.message_text import value_printer
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
     naming = _full_name(command_node, topic, type_name, timeout_s)
-    name = await (naming if raw else type_resolution.preload_while_waiting(naming))
+    name = await (naming if raw else graph_lookup.preload_while_waiting(naming))
     printer = value_printer(
         style or "yaml", full_length=full_length, truncate_length=truncate_length, arrays=arrays, strings=strings
     )
     rate_limit = _RateLimit(max_rate_hz, now_s)
     cls: Any
     if raw:
-        cls = type_resolution.opaque_class(command_node, name, type_name)
+        cls = graph_lookup.opaque_class(command_node, name, type_name)
         show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
     else:
-        cls = await type_resolution.interface_class(command_node, "topic", name, type_name, paths)
+        cls = await graph_lookup.interface_class(command_node, "topic", name, type_name, paths)
         condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
         show = _message_printer(_fields(cls, fields, arrays), condition, rate_limit, printer)
     profile = requested_profile(qos, presets.SENSOR_DATA)
@@ -150,7 +150,7 @@ async def echo(
 
 async def _full_name(command_node: CommandNode, topic: str, type_name: str | None, timeout_s: float | None) -> str:
     """Wait until the topic is found, or with `type_name` only until discovery is complete, and return the full name."""
-    from rosidl_py_gen.ros_cli.name_lookup import full_name
+    from rosidl_py_gen.command_support.graph_lookup import full_name
 
     if type_name is None:
         return await command_node.find("topic", topic, timeout_s)

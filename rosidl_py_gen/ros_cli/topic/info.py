@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.ros_cli import options
 from rosidl_py_gen.ros_cli.graph_verbs import find_verb, graph_rows, type_verb
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Node, QoSProfile, TopicEndpointInfo
 
 _hidden = click.option(

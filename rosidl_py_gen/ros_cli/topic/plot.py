@@ -8,21 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import options, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.plotting.output import (
-    count_text,
-    live_plot,
-    plot_window,
-    print_plot,
-    require_output,
-    show_plot,
-)
-from rosidl_py_gen.ros_cli.topic.qos import qos_options, requested_profile
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.plotting.output import count_text, live_plot, plot_window, print_plot, require_output, show_plot
+from rosidl_py_gen.ros_cli import options
+from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.plotting.lines import TimeAxis, TopicLines
+    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.plotting.lines import TimeAxis, TopicLines
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
 _WINDOW_INTERVAL_S = 0.05
@@ -68,8 +61,8 @@ async def plot(
     rosidl-py topic plot /battery percentage --duration 60 --out battery.png
     """
     require_output(out, in_terminal)
-    from rosidl_py_gen.ros_cli import type_resolution
-    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis, TopicLines, topics_and_fields
+    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.plotting.lines import PlotPanel, TimeAxis, TopicLines, topics_and_fields
     from rosidl_py_gen.runtime import AdaptiveSubscription
     from rosidl_py_gen.runtime import qos as presets
 
@@ -80,7 +73,7 @@ async def plot(
     async with AsyncExitStack() as stack:
         for topic, fields in topics_and_fields(words):
             name = await command_node.find("topic", topic, timeout_s)
-            cls = await type_resolution.interface_class(command_node, "topic", name, paths=paths)
+            cls = await graph_lookup.interface_class(command_node, "topic", name, paths=paths)
             one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp)
             one.use(cls)
             lines.append(one)
@@ -103,7 +96,7 @@ async def _plot_live(
     """Receive messages and draw the plot until time or number is reached, the window is closed, or Ctrl-C."""
     import asyncio
 
-    from rosidl_py_gen.ros_cli.command_node import first_of
+    from rosidl_py_gen.command_support.command_node import first_of
 
     panels = [one.panel for one in lines]
 

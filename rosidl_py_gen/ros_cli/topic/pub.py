@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.ros_cli import options, terminal_output
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.topic.qos import qos_options, requested_profile
+from rosidl_py_gen.command_support import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import options
+from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Publisher
 
 _ACKNOWLEDGE_TIMEOUT_S = 5.0
@@ -83,19 +83,20 @@ async def pub(
     """
     import asyncio
 
-    from rosidl_py_gen.ros_cli import message_text, type_resolution
-    from rosidl_py_gen.ros_cli.command_node import now_s
-    from rosidl_py_gen.ros_cli.name_lookup import full_name
+    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support.command_node import now_s
+    from rosidl_py_gen.command_support.graph_lookup import full_name
+    from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
     type_name, text = message_text.type_and_values(words)
     max_count = 1 if once else times
     if type_name is None:
-        name = await type_resolution.preload_while_waiting(command_node.find("topic", topic, timeout_s))
+        name = await graph_lookup.preload_while_waiting(command_node.find("topic", topic, timeout_s))
     else:
         name = full_name(command_node.node, topic)
-    cls = await type_resolution.interface_class(command_node, "topic", name, type_name, paths)
+    cls = await graph_lookup.interface_class(command_node, "topic", name, type_name, paths)
     # Before the wait for subscriptions, so that errors in the text are reported at once.
     template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
     profile = requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
@@ -124,7 +125,7 @@ async def pub(
 
 
 async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
-    from rosidl_py_gen.ros_cli.command_node import now_s
+    from rosidl_py_gen.command_support.command_node import now_s
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     start_s = now_s()
@@ -166,7 +167,7 @@ async def _repeated(message: Message, stamps: Sequence[Any]) -> AsyncGenerator[M
 
 async def _from_stdin(cls: type[Message]) -> AsyncGenerator[Message, None]:
     from rosidl_py_gen.ros_cli import message_text
-    from rosidl_py_gen.ros_cli.topic.stdin import documents
+    from rosidl_py_gen.ros_cli.values import documents
 
     number = 0
     async with aclosing(documents()) as texts:

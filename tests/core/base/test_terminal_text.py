@@ -12,15 +12,25 @@ from rosidl_py_gen.base.terminal_text import escape_json, json_text, printable_l
 
 PACKAGE = ROOT / "rosidl_py_gen"
 HOSTILE = "\x1b]0;t\x07\x9b2J\x7f\u202e\u2066\u200b\ufeff\ud800\U000e0041\x00\r"
+FOLDERS = (
+    "command_support",
+    "foxglove",
+    "generator_cli",
+    "plotting",
+    "prefix",
+    "program_runner",
+    "ros_cli",
+    "security",
+)
 PRINTERS = {
     "generator_cli/command_line.py": "the functions of this command line",
     "generator_cli/__init__.py": "a progress bar without names",
     "generator_cli/regenerate.py": "for maintainers: paths of this package",
-    "ros_cli/terminal_output.py": "the functions of this command line",
+    "command_support/terminal_output.py": "the functions of this command line",
     "ros_cli/__init__.py": "warnings, and flushing",
-    "ros_cli/command_support/__init__.py": "errors",
+    "command_support/__init__.py": "errors",
     "ros_cli/completion.py": "the scripts of click",
-    "ros_cli/doctor/echo.py": "one word for its own parent process",
+    "ros_cli/doctor/peers.py": "one word for its own parent process",
     "ros_cli/zenoh_router.py": "its own texts, made printable",
 }
 
@@ -52,7 +62,7 @@ def _prints(node: ast.AST) -> bool:
 def test_commands_print_only_through_functions_that_make_text_printable() -> None:
     found = {
         str(path.relative_to(PACKAGE))
-        for folder in ("generator_cli", "ros_cli")
+        for folder in FOLDERS
         for path in PACKAGE.joinpath(folder).rglob("*.py")
         if any(_prints(node) for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     }

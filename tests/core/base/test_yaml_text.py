@@ -10,8 +10,8 @@ import yaml
 
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.base.yaml_text import MAX_VALUES, YamlError, compose_yaml, load_yaml
-from rosidl_py_gen.ros_cli.bag.yaml_tree import parse
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.ros_cli.bag.yaml_files import parse
 from rosidl_py_gen.ros_cli.values import parse_value
 from rosidl_py_gen.runtime import ParameterFileError
 from rosidl_py_gen.runtime.parameters.files import parse_parameter_file

@@ -16,10 +16,10 @@ from support.worlds import World
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.robot import joint_state_publisher
 from rosidl_py_gen.robot.joint_state_publisher import JointStatePublisher
 from rosidl_py_gen.robot.node_program import ProgramError
-from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.runtime import Context, Durability, ParameterError, QoSProfile, Time
 
 JointState: Any = get_message("sensor_msgs/msg/JointState")

@@ -13,10 +13,10 @@ from std_msgs.msg import String
 from support.waiting import until
 
 from rosidl_py_gen import ros_cli
-from rosidl_py_gen.ros_cli import command_node as module
-from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.type_resolution import interface_class
+from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.command_support import command_node as module
+from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, context_opened_early
+from rosidl_py_gen.command_support.graph_lookup import interface_class
 from rosidl_py_gen.runtime import EnvironmentSettingError
 
 if TYPE_CHECKING:

@@ -24,8 +24,10 @@ from rosidl_py_gen.numpy import (
     points_to_xyz,
     quaternion_to_euler,
 )
-from rosidl_py_gen.ros_cli.demo import camera, command, robot
-from rosidl_py_gen.ros_cli.demo.world import BODY_COLOR, BODY_RADIUS_M, BOXES, Body, World
+from rosidl_py_gen.ros_cli import demo as command
+from rosidl_py_gen.ros_cli.demo import robot
+from rosidl_py_gen.ros_cli.demo import robot as camera
+from rosidl_py_gen.ros_cli.demo.simulation import BODY_COLOR, BODY_RADIUS_M, BOXES, Body, World
 from rosidl_py_gen.runtime import Durability, GoalRejectedError, GoalStatus, QoSProfile
 from rosidl_py_gen.tf import TransformBuffer
 

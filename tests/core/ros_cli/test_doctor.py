@@ -20,11 +20,10 @@ from std_srvs.srv import SetBool, Trigger
 from support.terminals import on_terminal
 from support.waiting import until
 
+from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, WARNING, Finding, redact_finding, run_check
 from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
-from rosidl_py_gen.ros_cli.doctor import network as doctor_network
 from rosidl_py_gen.ros_cli.doctor import peers as doctor_peers
-from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, redact_finding, run_check
-from rosidl_py_gen.ros_cli.doctor.network import Interface
+from rosidl_py_gen.ros_cli.doctor.machine import Interface
 from rosidl_py_gen.ros_cli.doctor.peers import middleware_text
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph import ParticipantInfo
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from support.commands import Tool
     from support.worlds import World
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.command_support.command_node import CommandNode
 
 
 def levels(findings: Iterable[Finding], word: str) -> list[str]:
@@ -251,21 +250,21 @@ PEERS = DomainSettings(static_peers=("10.0.0.9",))
 def test_network_interface_findings_depend_on_discovery_range(
     found: list[Interface], settings: DomainSettings | None, expected: list[tuple[str, str]]
 ) -> None:
-    judged = [one for one in doctor_network.check_interfaces(found, settings) if one.level != OK]
+    judged = [one for one in doctor_machine.check_interfaces(found, settings) if one.level != OK]
     assert [one.level for one in judged] == [level for level, _ in expected]
     assert all(word in one.text for one, (_, word) in zip(judged, expected, strict=True))
 
 
 def test_loopback_is_found_with_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
     if sys.platform == "linux":
-        (lo,) = [one for one in doctor_network.network_interfaces() if one.name == "lo"]
+        (lo,) = [one for one in doctor_machine.network_interfaces() if one.name == "lo"]
         assert (lo.address, lo.is_up, lo.is_loopback) == ("127.0.0.1", True, True)
 
     def refuse() -> list[tuple[int, str]]:
         raise OSError("not here")
 
     monkeypatch.setattr(socket, "if_nameindex", refuse)
-    assert doctor_network.network_interfaces() == []
+    assert doctor_machine.network_interfaces() == []
 
 
 def test_other_domains_are_detected_by_their_ports(tmp_path: Path) -> None:
@@ -273,9 +272,9 @@ def test_other_domains_are_detected_by_their_ports(tmp_path: Path) -> None:
     lines = [f"  {number}: 0100007F:{port:04X} 00000000:0000 07 0" for number, port in enumerate(ports)]
     file = tmp_path / "udp"
     file.write_text("\n".join(["  sl  local_address rem_address", *lines]))
-    (finding,) = doctor_network.other_domains(0, (file, tmp_path / "udp6"))
+    (finding,) = doctor_machine.other_domains(0, (file, tmp_path / "udp6"))
     assert finding.data["domains"] == [7, 42]
-    assert list(doctor_network.other_domains(0, (tmp_path / "nothing",))) == []
+    assert list(doctor_machine.other_domains(0, (tmp_path / "nothing",))) == []
 
 
 # ------------------------------------------------------------------------------------------------- peers and strangers
@@ -349,9 +348,9 @@ def test_missing_ament_prefix_folders_are_reported(monkeypatch: pytest.MonkeyPat
 
 
 def test_loopback_interface_is_reported_as_used_with_range_localhost() -> None:
-    (found,) = doctor_network.check_interfaces([LO], LOCALHOST)
+    (found,) = doctor_machine.check_interfaces([LO], LOCALHOST)
     assert found.text == "lo: 127.0.0.1, used by the discovery range LOCALHOST"
-    assert "though its flag is not set: DDS does not use it" in next(doctor_network.check_interfaces([LO], SUBNET)).text
+    assert "though its flag is not set: DDS does not use it" in next(doctor_machine.check_interfaces([LO], SUBNET)).text
 
 
 def test_zenoh_has_no_discovery_range() -> None:

@@ -20,11 +20,11 @@ from support.waiting import until
 
 from rosidl_py_gen import get_action, get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.graph import svg as graph_svg
-from rosidl_py_gen.ros_cli.graph import text as graph_text
-from rosidl_py_gen.ros_cli.graph.text import Edge, Picture
-from rosidl_py_gen.ros_cli.tf import png, tree
+from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.ros_cli import graph as graph_module
+from rosidl_py_gen.ros_cli import tf as tree
+from rosidl_py_gen.ros_cli.graph import Edge, Picture
+from rosidl_py_gen.ros_cli.tf import png
 from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
@@ -142,7 +142,7 @@ def hostile() -> Picture:
 
 
 def test_svg_escapes_names_of_peers() -> None:
-    root = ElementTree.fromstring(graph_svg.svg_picture(hostile()).encode())
+    root = ElementTree.fromstring(graph_module.svg_picture(hostile()).encode())
     tags = {element.tag.rpartition("}")[2] for element in root.iter()}
     assert tags == {"svg", "style", "defs", "marker", "path", "rect", "g", "title", "text"}
     boxes = [element for element in root.iter() if element.tag.endswith("title")]
@@ -151,7 +151,7 @@ def test_svg_escapes_names_of_peers() -> None:
 
 
 def test_mermaid_escapes_names_of_peers() -> None:
-    first, *lines = graph_text.mermaid_text(hostile()).splitlines()
+    first, *lines = graph_module.mermaid_text(hostile()).splitlines()
     label = r"(?:[A-Za-z0-9_/ .,()-]|#\d+;|<br/>)*"
     box = rf'  [nt]\d+(?:\["{label}"\]|\(\["{label}"\]\)|\{{\{{"{label}"\}}\}}|\[\["{label}"\]\])'
     assert first == "flowchart LR"
@@ -161,14 +161,14 @@ def test_mermaid_escapes_names_of_peers() -> None:
 @pytest.mark.parametrize("nodes", [[], ["/alone"]])
 def test_graph_without_connections_can_be_drawn(nodes: list[str]) -> None:
     picture = Picture(5, nodes, [])
-    assert ElementTree.fromstring(graph_svg.svg_picture(picture)) is not None
-    assert [text for text, _ in graph_text.text_lines(picture)] == (nodes or ["no nodes in domain 5"])
+    assert ElementTree.fromstring(graph_module.svg_picture(picture)) is not None
+    assert [text for text, _ in graph_module.text_lines(picture)] == (nodes or ["no nodes in domain 5"])
 
 
 def test_boxes_of_svg_graph_do_not_overlap() -> None:
     edges = [Edge(f"/n{one % 7}", "publishes", "topic", f"/t{one}", ("a/msg/B",)) for one in range(30)]
     edges += [Edge(f"/m{one % 5}", "subscribes", "topic", f"/t{one}", ("a/msg/B",)) for one in range(30)]
-    root = ElementTree.fromstring(graph_svg.svg_picture(Picture(0, sorted({edge.node for edge in edges}), edges)))
+    root = ElementTree.fromstring(graph_module.svg_picture(Picture(0, sorted({edge.node for edge in edges}), edges)))
     boxes = [
         tuple(float(one.attrib[key]) for key in ("x", "y", "width", "height"))
         for one in root.iter("{http://www.w3.org/2000/svg}rect")

@@ -13,7 +13,7 @@ import pytest
 from support.interface_packages import write
 
 from rosidl_py_gen.base.package_repositories import LAUNCH_PACKAGES, install_note
-from rosidl_py_gen.ros_cli.launch import install
+from rosidl_py_gen.prefix import launch_install
 from rosidl_py_gen.wheels.environment import Installer
 
 if TYPE_CHECKING:
@@ -80,8 +80,8 @@ def wheels(monkeypatch: pytest.MonkeyPatch) -> dict[str, ZipFile]:
         def require(self, *requirements: str) -> None:
             raise AssertionError("the modules of the package index are installed")
 
-    monkeypatch.setattr(install, "find_installer", lambda: Recorder("pip", (), (), (), ()))
-    monkeypatch.setattr(install, "find_spec", lambda name: None if name in LAUNCH_PACKAGES else object())
+    monkeypatch.setattr(launch_install, "find_installer", lambda: Recorder("pip", (), (), (), ()))
+    monkeypatch.setattr(launch_install, "find_spec", lambda name: None if name in LAUNCH_PACKAGES else object())
     return found
 
 
@@ -95,7 +95,7 @@ def archives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             for name, text in files.items():
                 archive.writestr(f"{path.parent.name}-jazzy/{name}", text)
             archive.comment = COMMIT.encode()
-    monkeypatch.setattr(install, "ARCHIVE", f"{tmp_path.as_uri()}/{{repository}}/{{branch}}.zip")
+    monkeypatch.setattr(launch_install, "ARCHIVE", f"{tmp_path.as_uri()}/{{repository}}/{{branch}}.zip")
     return tmp_path
 
 
@@ -116,11 +116,11 @@ def test_archives_of_the_distribution_become_wheels_and_each_origin_is_printed(
         f"{data}/lib/launch_ros/play",
         f"{data}/share/ament_index/resource_index/packages/launch_ros",
         f"{data}/share/launch_ros/package.xml",
-        f"{data}/{install.ORIGINS}/launch_ros.json",
+        f"{data}/{launch_install.ORIGINS}/launch_ros.json",
     }
     assert wheel.getinfo(f"{data}/lib/launch_ros/play").external_attr >> 16 & 0o111
     assert "launch_ros=launch_ros" in wheel.read("launch_ros-3.4.11.dist-info/entry_points.txt").decode().split()
-    origin = json.loads(wheel.read(f"{data}/{install.ORIGINS}/launch_ros.json"))
+    origin = json.loads(wheel.read(f"{data}/{launch_install.ORIGINS}/launch_ros.json"))
     assert {name: origin[name] for name in ("address", "branch", "commit", "version", "distribution")} == {
         "address": "https://github.com/ros2/launch_ros",
         "branch": "jazzy",
@@ -139,7 +139,7 @@ def test_named_packages_bring_missing_packages_of_launch(
     names = wheels["nav2_common-3.4.11-py3-none-any.whl"].namelist()
     assert "nav2_common/launch/__init__.py" in names
     assert "nav2_common-3.4.11.data/data/share/nav2_common/cmake/nav2_package.cmake" in names
-    monkeypatch.setattr(install, "find_spec", lambda name: object())
+    monkeypatch.setattr(launch_install, "find_spec", lambda name: object())
     wheels.clear()
     assert run_here("launch", "--install", "nav2_common")[0] == 0
     assert [name.partition("-")[0] for name in wheels] == ["nav2_common"]

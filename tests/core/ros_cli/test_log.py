@@ -14,7 +14,7 @@ from std_msgs.msg import String
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli.log import LogPrinter
 from rosidl_py_gen.runtime import QoSProfile
 

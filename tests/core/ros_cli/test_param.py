@@ -13,9 +13,9 @@ import pytest
 from rosidl_py_gen import compile_definition, to_dict, to_json
 from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.msgs.rcl_interfaces import srv
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ListParametersResult
-from rosidl_py_gen.ros_cli.command_support import CommandError
 from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml
 from rosidl_py_gen.ros_cli.param import fit_parameter
 from rosidl_py_gen.ros_cli.values import MAX_TEXT

@@ -20,10 +20,11 @@ from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_message, get_service
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
-from rosidl_py_gen.ros_cli import exit_on_error, terminal_output
-from rosidl_py_gen.ros_cli.bag import display
-from rosidl_py_gen.ros_cli.bag.display import ProgressBar, progress_text
-from rosidl_py_gen.ros_cli.terminal_output import StatusLine
+from rosidl_py_gen.command_support import terminal_output
+from rosidl_py_gen.command_support.terminal_output import StatusLine
+from rosidl_py_gen.ros_cli import exit_on_error
+from rosidl_py_gen.ros_cli.bag import reading
+from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, progress_text
 from rosidl_py_gen.runtime import ParameterDescriptor, QoSProfile
 
 if TYPE_CHECKING:
@@ -227,7 +228,7 @@ def test_progress_bar_appears_after_delay_and_is_cleared(monkeypatch: pytest.Mon
     monkeypatch.setattr("sys.stderr", screen := Terminal())
     monkeypatch.setenv("TERM", "xterm")
     now_s = 0.0
-    monkeypatch.setattr(display, "monotonic", lambda: now_s)
+    monkeypatch.setattr(reading, "monotonic", lambda: now_s)
     with ProgressBar("messages") as show:
         show(1, 100)
         assert screen.getvalue() == ""
@@ -245,7 +246,7 @@ def test_progress_is_not_written_to_pipes_and_dumb_terminals(
 ) -> None:
     monkeypatch.setattr("sys.stderr", screen := terminal())
     monkeypatch.setenv("TERM", term)
-    monkeypatch.setattr(display, "PROGRESS_DELAY_S", 0)
+    monkeypatch.setattr(reading, "PROGRESS_DELAY_S", 0)
     with ProgressBar("messages") as show:
         show(50, 100)
     assert screen.getvalue() == ""
@@ -273,8 +274,8 @@ def test_output_lines_are_printed_above_status_line(monkeypatch: pytest.MonkeyPa
 def test_commands_that_read_whole_bags_show_progress(
     run_here: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(display, "PROGRESS_DELAY_S", 0)
-    monkeypatch.setattr(display, "PROGRESS_INTERVAL_S", 0)
+    monkeypatch.setattr(reading, "PROGRESS_DELAY_S", 0)
+    monkeypatch.setattr(reading, "PROGRESS_INTERVAL_S", 0)
     monkeypatch.setattr(terminal_output, "is_error_terminal", lambda: True)
     killed, folder = without_index(bag), tmp_path / "folder"
     folder.mkdir()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rosidl_py_gen.ros_cli.prefix.executables import of_sources
+from rosidl_py_gen.prefix.executables import of_sources
 from rosidl_py_gen.type_loading.share_folder import share_folder
 
 SETUP = """

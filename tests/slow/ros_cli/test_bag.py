@@ -28,7 +28,7 @@ from support.waiting import until
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.ros_cli.keyboard import keys_of, read_keys
+from rosidl_py_gen.ros_cli.bag.player_recorder import keys_of, read_keys
 from rosidl_py_gen.runtime import BackendMissingError, Durability, QoSProfile, Reliability
 
 if TYPE_CHECKING:

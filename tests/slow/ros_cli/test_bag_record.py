@@ -17,7 +17,7 @@ from support.waiting import until
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.ros_cli.command_support import CommandError
+from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
 

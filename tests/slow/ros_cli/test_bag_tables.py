@@ -21,7 +21,7 @@ from support.bag_samples import write_strings
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagWriter, mcap_writer
 from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
-from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.tables.multi_bag import datasets as many
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is output in them

@@ -24,9 +24,9 @@ from support.waiting import until
 
 from rosidl_py_gen import get_action, get_message, ros_cli
 from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.command_support import report
 from rosidl_py_gen.generator_cli import cli as generator
 from rosidl_py_gen.generator_cli import shells
-from rosidl_py_gen.ros_cli.command_support import report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -105,11 +105,11 @@ LOADED = {
         "try: main(['bag', 'table', '--help'])\n"
         "except SystemExit: pass\n"
         "print(sorted(name for name in sys.modules if name.startswith('rosidl_py_gen.ros_cli.bag.')))",
-        "['rosidl_py_gen.ros_cli.bag.table']",
+        "['rosidl_py_gen.ros_cli.bag.tables']",
     ),
     "numpy and the node are loaded while the context listens": (
-        "import sys; from rosidl_py_gen.ros_cli import command_node\n"
-        "import rosidl_py_gen.ros_cli.topic.info, rosidl_py_gen.ros_cli.graph.command\n"
+        "import sys; from rosidl_py_gen.command_support import command_node\n"
+        "import rosidl_py_gen.ros_cli.topic.info, rosidl_py_gen.ros_cli.graph\n"
         "print([name for name in ('rosidl_py_gen.runtime.node.node', 'numpy') if name in sys.modules])",
         "[]",
     ),
@@ -203,8 +203,12 @@ def test_click_parameters_match_signature_of_command_function(
         context.params["command_node"] = context.params.pop("network")
     signature.bind(**context.params)
     if inspect.Parameter.VAR_KEYWORD in kinds and command.name not in ("launch", "play"):  # which check values
-        for does in ("playback.player.play_bag", "recording.recorder.record_bag", "foxglove.serve.serve"):
-            monkeypatch.setattr(f"rosidl_py_gen.ros_cli.{does}", lambda network, options: None)
+        for does in (
+            "ros_cli.playback.player.play_bag",
+            "ros_cli.recording.recorder.record_bag",
+            "foxglove.serve.serve",
+        ):
+            monkeypatch.setattr(f"rosidl_py_gen.{does}", lambda network, options: None)
         made = function(**context.params)  # what several commands share takes its arguments now
         main = made.main if isinstance(made, ros_cli.AsyncCommand) else made
         if main is not None:

@@ -25,8 +25,8 @@ from support.waiting import until
 from websockets.asyncio.client import connect
 
 from rosidl_py_gen import compile_definition, get_message, get_service
-from rosidl_py_gen.ros_cli.foxglove import limits
-from rosidl_py_gen.ros_cli.foxglove.protocol import OPERATIONS
+from rosidl_py_gen.foxglove import limits
+from rosidl_py_gen.foxglove.protocol import OPERATIONS
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:

@@ -21,15 +21,13 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from rosidl_py_gen import compile_definition, encode, get_message, get_service
-from rosidl_py_gen.ros_cli import type_resolution
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.foxglove import limits, protocol
-from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
-from rosidl_py_gen.ros_cli.foxglove.serve import addresses
-from rosidl_py_gen.ros_cli.foxglove.server import Server
-from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
-from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
-from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, Handlers, RateLimit, Viewer
+from rosidl_py_gen.command_support import CommandError, graph_lookup
+from rosidl_py_gen.foxglove import limits, protocol
+from rosidl_py_gen.foxglove.serve import addresses
+from rosidl_py_gen.foxglove.server import AdvertisedChannel, Handlers, RateLimit, Server, Viewer
+from rosidl_py_gen.foxglove.services import ServiceBridge
+from rosidl_py_gen.foxglove.tasks import Decoder, Worker
+from rosidl_py_gen.foxglove.topics import TopicBridge
 from rosidl_py_gen.runtime import CallTimeoutError
 
 if TYPE_CHECKING:
@@ -240,7 +238,7 @@ async def test_large_service_responses_arrive_complete() -> None:
 
 def test_rate_limit_permits_burst_then_steady_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("rosidl_py_gen.ros_cli.foxglove.viewer.monotonic", lambda: now)
+    monkeypatch.setattr("rosidl_py_gen.foxglove.server.monotonic", lambda: now)
     pace = RateLimit(10)
     assert [pace.wait_s() for _ in range(10)] == [0.0] * 10
     assert pace.wait_s() == pytest.approx(0.1)
@@ -550,10 +548,10 @@ async def test_compiler_is_preloaded_only_during_a_real_wait(monkeypatch: pytest
         times.append(loop.time())
         loop.call_soon_threadsafe(loaded.set)
 
-    monkeypatch.setattr(type_resolution, "load_compiler", load)
-    await type_resolution.preload_while_waiting(asyncio.sleep(0))
+    monkeypatch.setattr(graph_lookup, "load_compiler", load)
+    await graph_lookup.preload_while_waiting(asyncio.sleep(0))
     began = loop.time()
-    await asyncio.wait_for(type_resolution.preload_while_waiting(loaded.wait()), 10)
+    await asyncio.wait_for(graph_lookup.preload_while_waiting(loaded.wait()), 10)
     assert [time > began for time in times] == [True]
 
 
@@ -564,10 +562,10 @@ async def test_failed_preload_of_compiler_is_silent(monkeypatch: pytest.MonkeyPa
         loop.call_soon_threadsafe(failed.set)
         raise ImportError("broken")
 
-    monkeypatch.setattr(type_resolution, "load_compiler", fail)
+    monkeypatch.setattr(graph_lookup, "load_compiler", fail)
     complaints: list[Any] = []
     loop.set_exception_handler(lambda _, context: complaints.append(context))
-    await asyncio.wait_for(type_resolution.preload_while_waiting(failed.wait()), 20)
+    await asyncio.wait_for(graph_lookup.preload_while_waiting(failed.wait()), 20)
     await loop.run_in_executor(None, print)
     for _ in range(10):
         await asyncio.sleep(0)

@@ -23,9 +23,9 @@ from support.docs_pictures import update_picture
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.ros_cli.plotting import output
-from rosidl_py_gen.ros_cli.plotting.lines import BUCKETS, PlotLine, PlotPanel, TimeAxis, TopicLines, reduced
-from rosidl_py_gen.ros_cli.plotting.text_plot import plain_text, text_plot
+from rosidl_py_gen.plotting import output
+from rosidl_py_gen.plotting.lines import BUCKETS, PlotLine, PlotPanel, TimeAxis, TopicLines, reduced
+from rosidl_py_gen.plotting.text_plot import plain_text, text_plot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -318,7 +318,7 @@ def test_without_plotext_the_terminal_has_an_error(run_here: Any, bag: str, monk
 def test_plot_window_is_shown_until_closed(run_here: Any, bag: str, monkeypatch: Any) -> None:
     import matplotlib.pyplot as plt
 
-    from rosidl_py_gen.ros_cli.plotting import figure
+    from rosidl_py_gen.plotting import figure
 
     displayed: list[Any] = []
     monkeypatch.setenv("DISPLAY", ":99")
@@ -456,7 +456,7 @@ async def test_topic_plot_redraws_terminal(node: Node, tool: Any, monkeypatch: p
     drawn: list[int] = []
     monkeypatch.setattr(output.terminal_output, "is_terminal", lambda: True)
     monkeypatch.setattr(
-        "rosidl_py_gen.ros_cli.plotting.text_plot.text_plot", lambda panels, *_: drawn.append(panels[0].count) or ""
+        "rosidl_py_gen.plotting.text_plot.text_plot", lambda panels, *_: drawn.append(panels[0].count) or ""
     )
     process = await tool.start("topic", "plot", "/f", "--duration", "2")
     await send_numbers(node.create_publisher(Float64, "/f"), 6, 0.3)

@@ -18,10 +18,10 @@ from support.interface_packages import write
 from support.prefix_workspace import RECORDED, answers, listing, write_workspace
 from support.program_processes import started
 
-from rosidl_py_gen.ros_cli.command_support import CommandError
-from rosidl_py_gen.ros_cli.prefix import build, executables, package_plan
-from rosidl_py_gen.ros_cli.prefix.build import build_prefix
-from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
+from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.prefix import build, executables, package_plan
+from rosidl_py_gen.prefix.build import build_prefix
+from rosidl_py_gen.prefix.environment import SITE_PACKAGES, variables
 
 MANIFEST = "<package><name>{}</name><version>1.0.0</version></package>"
 COMMAND = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "prefix"]

@@ -12,8 +12,8 @@ import pytest
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, run, started
 
-from rosidl_py_gen.ros_cli.prefix.build import build_prefix
-from rosidl_py_gen.ros_cli.prefix.variables import variables
+from rosidl_py_gen.prefix.build import build_prefix
+from rosidl_py_gen.prefix.environment import variables
 
 pytestmark = [
     pytest.mark.real_time("programs are processes"),
@@ -31,7 +31,7 @@ print(my_package.text.TEXT, my_interfaces.msg.Pair(a=1).a, sorted(os.listdir(fol
 subprocess.run([sys.executable, "-c", code], check=True)
 subprocess.run(["my_script"], check=True)
 if len(sys.argv) > 1:
-    print([name for name in sys.modules if name.startswith("rosidl_py_gen.ros_cli.prefix.b")])
+    print([name for name in sys.modules if name.startswith("rosidl_py_gen.prefix.b")])
 """
 SETUP = """
 from glob import glob
@@ -76,7 +76,7 @@ def test_child_programs_find_all_packages_of_workspace(workspace: Path) -> None:
     write(workspace / "src/my_package/launch", {"two.launch.py": ""})
     found = run("parent.py", "loaded", cwd=workspace)
     assert "['one.launch.py', 'two.launch.py']" in found.stdout
-    assert "['rosidl_py_gen.ros_cli.prefix.build']" in found.stdout
+    assert "['rosidl_py_gen.prefix.build']" in found.stdout
 
 
 def test_child_of_script_without_workspace_imports_rclpy(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from support.interface_packages import write
 from support.program_processes import run
 
-from rosidl_py_gen.ros_cli.program_runner.program import refused_arguments
+from rosidl_py_gen.program_runner.program import refused_arguments
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.runtime.node.settings import parse_arguments
 

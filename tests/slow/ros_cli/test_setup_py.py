@@ -15,10 +15,10 @@ from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, SETUP_CFG, run, started
 from support.waiting import wait_until
 
-from rosidl_py_gen.ros_cli.prefix import setup_process
-from rosidl_py_gen.ros_cli.prefix.build import build_prefix
-from rosidl_py_gen.ros_cli.prefix.setup_process import SetupRunError, run_setup_py
-from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
+from rosidl_py_gen.prefix import setup_process
+from rosidl_py_gen.prefix.build import build_prefix
+from rosidl_py_gen.prefix.environment import SITE_PACKAGES, variables
+from rosidl_py_gen.prefix.setup_process import SetupRunError, run_setup_py
 from rosidl_py_gen.type_loading import scan_cache
 from rosidl_py_gen.type_loading.import_hook import FoundPackage, ImportHookWarning
 
@@ -179,7 +179,7 @@ def test_cached_setup_py_result_depends_on_environment_variables(
         assert run_setup_py(package, "it must").values["data_files"] == [["share/foo", [value]]]
     code = f"""
 from pathlib import Path
-from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
+from rosidl_py_gen.prefix.setup_process import run_setup_py
 from rosidl_py_gen.type_loading import scan_cache
 scan_cache.MIN_AGE_NS = 0
 print(run_setup_py(Path({str(package)!r}), "it must").values["data_files"])

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.setup_idioms import AROUND, DYNAMIC, ENDS, STATIC, Installer, is_compared, is_program, write_package
 
-from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan
-from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
+from rosidl_py_gen.prefix.package_plan import PackagePlan
+from rosidl_py_gen.prefix.setup_process import run_setup_py
 
 pytestmark = [
     pytest.mark.real_time("setup.py runs in processes"),

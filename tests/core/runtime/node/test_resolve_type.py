@@ -16,8 +16,7 @@ from support.worlds import World
 from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash
 from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
-from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
-from rosidl_py_gen.runtime import type_descriptions
+from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError, type_descriptions
 from rosidl_py_gen.type_loading import class_lookup, from_description
 
 if TYPE_CHECKING:

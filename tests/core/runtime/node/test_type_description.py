@@ -16,14 +16,13 @@ from support.worlds import World
 from rosidl_py_gen import compile_definition, get_message, type_description, type_hash
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.message import TypeInfo
+from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetLoggerLevels
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
-from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
-from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, type_descriptions
 from rosidl_py_gen.runtime.type_descriptions import TypeDescriptionError
-from rosidl_py_gen.runtime import type_descriptions
 
 pytestmark = pytest.mark.on_zenoh
 

@@ -28,10 +28,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.base.xml_reader import XmlElement
-from rosidl_py_gen.ros_cli.security import certificates
-from rosidl_py_gen.ros_cli.security.commands import create_permission
-from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
-from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave, PolicyRule, expand_name
+from rosidl_py_gen.ros_cli.security import create_permission
+from rosidl_py_gen.security import certificates
+from rosidl_py_gen.security.policy import PolicyEnclave, PolicyRule, expand_name, permissions_xml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -17,9 +17,8 @@ from std_srvs.srv import Trigger
 
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement
 from rosidl_py_gen.errors import DefinitionError
-from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
-from rosidl_py_gen.ros_cli.security.policy import ALLOW, PolicyEnclave, PolicyRule, read_policy
 from rosidl_py_gen.runtime import Context
+from rosidl_py_gen.security.policy import ALLOW, PolicyEnclave, PolicyRule, permissions_xml, read_policy
 
 if TYPE_CHECKING:
     from collections.abc import Callable

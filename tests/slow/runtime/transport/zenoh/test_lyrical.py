@@ -20,7 +20,7 @@ from support.zenoh_peer import PLAIN, PlainPublisher
 from visualization_msgs.msg import MarkerArray
 
 from rosidl_py_gen import compile_definition, type_hash
-from rosidl_py_gen.ros_cli.type_resolution import opaque_class
+from rosidl_py_gen.command_support.graph_lookup import opaque_class
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes, message_type, raw_type
 

@@ -1,0 +1,1 @@
+"""Plots of fields of messages over time, as a file, in a window or in the terminal."""

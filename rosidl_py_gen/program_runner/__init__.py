@@ -1,0 +1,1 @@
+"""Programs written for rclpy: finds a program, and runs or checks it."""

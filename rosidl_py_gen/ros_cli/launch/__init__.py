@@ -1,1 +1,0 @@
-"""Command ``rosidl-py launch``: runs a launch file with the packages launch and launch_ros of ROS, which it imports."""

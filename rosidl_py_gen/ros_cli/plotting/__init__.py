@@ -1,1 +1,0 @@
-"""Plots of ``bag plot`` and ``topic plot``: fields of messages over time, as a file, in a window or in the terminal."""

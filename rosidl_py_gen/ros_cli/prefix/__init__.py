@@ -1,1 +1,0 @@
-"""Command ``rosidl-py prefix``: an ament prefix of source packages, made without a build."""

@@ -1,1 +1,0 @@
-"""Command ``rosidl-py run``: finds a program written for rclpy, and runs or checks it."""

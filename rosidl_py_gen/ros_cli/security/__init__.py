@@ -1,1 +1,0 @@
-"""Command group ``rosidl-py security``: keystores of SROS2, without a ROS installation."""

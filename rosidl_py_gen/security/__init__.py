@@ -1,0 +1,1 @@
+"""Keystores and policies of SROS2, without a ROS installation."""
