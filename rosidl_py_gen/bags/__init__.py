@@ -15,8 +15,8 @@ try:
     from rosidl_py_gen.bags.common import SkippedMessages as SkippedMessages
     from rosidl_py_gen.bags.definition_lookup import DecoderFactory as DecoderFactory
     from rosidl_py_gen.bags.definition_lookup import TopicDefinition as TopicDefinition
-    from rosidl_py_gen.bags.mcap_writer import BagWriter as BagWriter
     from rosidl_py_gen.bags.reader import BagReader as BagReader
-    from rosidl_py_gen.bags.sqlite_writer import SqliteWriter as SqliteWriter
+    from rosidl_py_gen.bags.writer import BagWriter as BagWriter
+    from rosidl_py_gen.bags.writer import SqliteWriter as SqliteWriter
 except ModuleNotFoundError as missing:
     raise _extra_missing(missing) or missing from None

@@ -15,8 +15,7 @@ import numpy as np
 
 from rosidl_py_gen.errors import ExtraMissingError
 from rosidl_py_gen.numpy.common import ConversionError, escaped, flat_bytes
-from rosidl_py_gen.numpy.compressed import compressedimage_to_array, pillow_image
-from rosidl_py_gen.numpy.images import convert_pixels, image_to_array
+from rosidl_py_gen.numpy.images import compressedimage_to_array, convert_pixels, image_to_array, pillow_image
 from rosidl_py_gen.numpy.points import laserscan_to_points, occupancygrid_to_array, pointcloud_to_array, points_to_xyz
 
 _Pixels = np.ndarray[Any, np.dtype[np.uint8]]

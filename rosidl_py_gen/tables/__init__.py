@@ -7,5 +7,5 @@ from rosidl_py_gen.tables import arrow as _arrow  # noqa: F401  first, as the ex
 from rosidl_py_gen.tables.dataset_writer import DatasetFile as DatasetFile
 from rosidl_py_gen.tables.dataset_writer import DatasetReport as DatasetReport
 from rosidl_py_gen.tables.dataset_writer import write_dataset as write_dataset
-from rosidl_py_gen.tables.multi_bag.datasets import DatasetsReport as DatasetsReport
-from rosidl_py_gen.tables.multi_bag.datasets import write_datasets as write_datasets
+from rosidl_py_gen.tables.multi_bag import DatasetsReport as DatasetsReport
+from rosidl_py_gen.tables.multi_bag import write_datasets as write_datasets

@@ -20,8 +20,7 @@ from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import escape_json
-from rosidl_py_gen.tables.dataset_writer import TOPIC, StagedDataset
-from rosidl_py_gen.tables.output_files import file_system, url_of
+from rosidl_py_gen.tables.dataset_writer import TOPIC, StagedDataset, file_system, url_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

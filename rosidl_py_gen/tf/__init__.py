@@ -6,7 +6,7 @@ Transforms and errors are the same as in tf2.
 from rosidl_py_gen.tf.buffer import StaticTransformBroadcaster as StaticTransformBroadcaster
 from rosidl_py_gen.tf.buffer import TransformBroadcaster as TransformBroadcaster
 from rosidl_py_gen.tf.buffer import TransformBuffer as TransformBuffer
-from rosidl_py_gen.tf.filter import TransformFilter as TransformFilter
+from rosidl_py_gen.tf.buffer import TransformFilter as TransformFilter
 from rosidl_py_gen.tf.frame_tree import ConnectivityError as ConnectivityError
 from rosidl_py_gen.tf.frame_tree import ExtrapolationError as ExtrapolationError
 from rosidl_py_gen.tf.frame_tree import FrameInfo as FrameInfo

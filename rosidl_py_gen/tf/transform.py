@@ -17,8 +17,7 @@ from rosidl_py_gen.errors import printable
 from rosidl_py_gen.message_filters.filters import header_stamp
 from rosidl_py_gen.numpy import ConversionError, pointcloud_to_array, quaternion_to_matrix
 from rosidl_py_gen.numpy.common import flat_bytes, message_class
-from rosidl_py_gen.tf.frame_tree import without_slash
-from rosidl_py_gen.tf.quaternion_math import product
+from rosidl_py_gen.tf.frame_tree import product, without_slash
 
 if TYPE_CHECKING:
     from collections.abc import Callable

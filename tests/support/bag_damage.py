@@ -22,7 +22,7 @@ from typing import Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
-from rosidl_py_gen.bags.reindexing import reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex_folder
 from rosidl_py_gen.errors import RosidlError
 
 String: Any = get_message("std_msgs/msg/String")

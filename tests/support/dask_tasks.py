@@ -8,7 +8,7 @@ import time
 
 import psutil
 
-from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskResult, run_task
+from rosidl_py_gen.tables.bag_tasks import Task, TaskResult, run_task
 
 
 def pid(task: object) -> TaskResult:

@@ -18,8 +18,8 @@ from typing import IO, TYPE_CHECKING, Any, cast
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
 from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
-from rosidl_py_gen.bags.storage.mcap_chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
+from rosidl_py_gen.bags.storage.mcap_records import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, ReadingProgress, library_errors_as_bag_error
 from rosidl_py_gen.bags.storage.zstd import ZstdDecompressor, ZstdError, frame_content_size

@@ -23,7 +23,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, BagTopic, DamagedPart
 from rosidl_py_gen.bags.remote import BagUnreachableError, opened
-from rosidl_py_gen.bags.storage.mcap_chunks import (
+from rosidl_py_gen.bags.storage.mcap_index import DamagedRange, Index, MessageSegment, Walk, read_index, recorded_distro
+from rosidl_py_gen.bags.storage.mcap_records import (
     COMPRESSIONS,
     MAX_WHOLE_CHUNK_BYTES,
     MIN_MESSAGE_BYTES,
@@ -31,9 +32,10 @@ from rosidl_py_gen.bags.storage.mcap_chunks import (
     ChunkDecompressor,
     Tally,
     TooLargeError,
+    read_attachment,
+    read_metadata,
+    read_profile,
 )
-from rosidl_py_gen.bags.storage.mcap_extras import read_attachment, read_metadata, read_profile
-from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, read_index, recorded_distro
 from rosidl_py_gen.bags.storage.storage_api import (
     LOG_TIME,
     MAX_UNPACKED_BYTES,
@@ -43,7 +45,6 @@ from rosidl_py_gen.bags.storage.storage_api import (
     Storage,
     library_errors_as_bag_error,
 )
-from rosidl_py_gen.bags.storage.walk import DamagedRange, Walk
 from rosidl_py_gen.base.terminal_text import pluralize
 
 if TYPE_CHECKING:
@@ -53,8 +54,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel as ChannelRecord
     from mcap.records import Schema
 
-    from rosidl_py_gen.bags.storage.mcap_chunks import ChunkHeader
-    from rosidl_py_gen.bags.storage.mcap_extras import StoredAttachment, StoredMetadata
+    from rosidl_py_gen.bags.storage.mcap_records import ChunkHeader, StoredAttachment, StoredMetadata
     from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
 T = TypeVar("T")

@@ -15,12 +15,12 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.storage.mcap_chunks import MESSAGE, MIN_MESSAGE_BYTES, RECORD, compress
+from rosidl_py_gen.bags.storage.mcap_records import MESSAGE, MIN_MESSAGE_BYTES, RECORD, compress
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from rosidl_py_gen.bags.storage.mcap_extras import AttachmentHead
+    from rosidl_py_gen.bags.storage.mcap_records import AttachmentHead
 
 _MAX_IDS = (1 << 16) - 1
 """Maximum number of schemas, and of channels, in an MCAP file: ids have 16 bits, and 0 means no schema."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.storage.mcap_extras import StoredAttachment, StoredMetadata
+    from rosidl_py_gen.bags.storage.mcap_records import StoredAttachment, StoredMetadata
 
 K = TypeVar("K")
 MAX_TIME = (1 << 64) - 1

@@ -104,7 +104,7 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags.copying import find_all_channels, omission_lines
+    from rosidl_py_gen.bags.rewriting import find_all_channels, omission_lines
     from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part

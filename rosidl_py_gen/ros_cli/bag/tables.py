@@ -171,7 +171,7 @@ def sql(
     import gc
 
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
-    from rosidl_py_gen.tables.multi_bag.datasets import names_of
+    from rosidl_py_gen.tables.multi_bag import names_of
     from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
 
     query, bags = _query_and_bags(words)
@@ -223,7 +223,7 @@ def _is_query(word: str) -> bool:
 def _expanded(bags: Iterable[str]) -> Iterator[str]:
     from rosidl_py_gen.bags import BagError
     from rosidl_py_gen.bags.remote import is_url
-    from rosidl_py_gen.tables.multi_bag.datasets import find_bags
+    from rosidl_py_gen.tables.multi_bag import find_bags
 
     for bag in bags:
         if not is_url(bag) and os.path.exists(bag):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic
 from rosidl_py_gen.bags.metadata import qos_text
-from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output

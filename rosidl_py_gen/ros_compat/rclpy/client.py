@@ -6,12 +6,12 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Dict, Optional, TypeVar
 
-from rclpy._subscriptable import Subscriptable
+from rclpy._classes import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.context import Context
 from rclpy.entity_execution import is_in_callback_that_blocks
-from rclpy.impl.entities import ServiceEntity
+from rclpy.handles import ServiceEntity
 from rclpy.impl.pending_requests import PendingRequests
 from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from rclpy.impl._fields import Checked
+from rclpy._classes import Checked
 from rclpy.qos import QoSHistoryPolicy, QoSPresetProfiles, QoSProfile
 from rclpy.type_hash import TypeHash
 from rosidl_py_gen import runtime

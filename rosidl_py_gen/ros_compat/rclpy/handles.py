@@ -1,4 +1,5 @@
-"""Handles of contexts, nodes and endpoints of rosidl_py_gen.runtime.
+"""Handles of contexts, nodes and endpoints of rosidl_py_gen.runtime, and base classes of the entities that own one:
+publishers, subscriptions, clients and services.
 
 A handle counts uses, and closes the object after the last use. ``with handle`` prevents other threads from closing the
 object, and raises InvalidHandle after its destruction.
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rclpy.clock import BaseClock
+    from rclpy.event_handler import EventHandler
+    from rclpy.qos import QoSProfile
+    from rclpy.service_introspection import ServiceIntrospectionState
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Any)
@@ -342,3 +347,105 @@ def _close(entity: Any, parent: Any) -> None:
     entity.close()
     if parent is not None:
         parent.__exit__()
+
+
+# ------------------------------------------------------------------------------------------------------------- entities
+
+
+E = TypeVar("E", bound=Any)
+
+
+class Entity(Generic[E]):
+    """Base of publishers, subscriptions, clients and services of a node."""
+
+    def __init__(self, handle: Handle[E], on_destroy: Callable[[Any], None] | None = None) -> None:
+        self._rosidl_handle = handle
+        self.rosidl_on_destroy = on_destroy
+
+    @property
+    def handle(self) -> Handle[E]:
+        return self._rosidl_handle
+
+    @property
+    def logger_name(self) -> str:
+        """Name of the node's logger."""
+        with self.handle as handle:
+            return handle.logger_name
+
+    def destroy(self) -> None:
+        """Destroy the entity; programs should use the methods of `Node` such as `destroy_publisher`."""
+        on_destroy, self.rosidl_on_destroy = self.rosidl_on_destroy, None
+        if on_destroy is not None:
+            on_destroy(self)
+        self.handle.destroy_when_not_in_use()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.destroy()
+
+
+class TopicEntity(Entity[E]):
+    """Base of publishers and subscriptions."""
+
+    def __init__(
+        self,
+        handle: Handle[E],
+        msg_type: type[Any],
+        topic: str,
+        qos: QoSProfile,
+        event_handlers: list[EventHandler],
+        on_destroy: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(handle, on_destroy)
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos
+        self.event_handlers = event_handlers
+
+    @property
+    def topic_name(self) -> str:
+        """Name of the topic after expansion and remapping."""
+        with self.handle.in_use(require_ok=False) as endpoint:
+            return str(endpoint.topic)
+
+    def destroy(self) -> None:
+        for handler in self.event_handlers:
+            handler.destroy()
+        super().destroy()
+
+
+class ServiceEntity(Entity[E]):
+    """Base of clients and servers of services."""
+
+    def __init__(
+        self,
+        handle: Handle[E],
+        srv_type: Any,
+        srv_name: str,
+        qos: QoSProfile,
+        on_destroy: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(handle, on_destroy)
+        self.rosidl_is_ready = handle.is_ready
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.qos_profile = qos
+
+    @property
+    def service_name(self) -> str:
+        """Name of the service after expansion and remapping."""
+        with self.handle.in_use(require_ok=False) as endpoint:
+            return str(endpoint.name)
+
+    def configure_introspection(
+        self, clock: BaseClock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
+    ) -> None:
+        """Publish requests and responses on ``<service>/_service_event``, with contents as in `introspection_state`."""
+        with self.handle.in_use(require_ok=False) as endpoint:
+            profile = service_event_qos_profile.get_c_qos_profile()
+            state = runtime.IntrospectionState(int(introspection_state))
+            endpoint.configure_introspection(clock.handle.clock, profile, state)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, Type, TypeVa
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterType
 from rcl_interfaces.srv import ListParameters
 
+from rclpy._classes import checked_attribute
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client, SrvType, SrvTypeRequest, SrvTypeResponse
@@ -31,7 +32,6 @@ from rclpy.executors import Executor
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.guard_condition import GuardCondition
 from rclpy.handles import ContextHandle, Handle, denied_as_rcl_error
-from rclpy.impl._fields import checked_attribute
 from rclpy.logging import get_logger
 from rclpy.logging_service import LoggingService
 from rclpy.node_parameters import *

@@ -15,6 +15,7 @@ from rcl_interfaces.msg import (
 )
 from rcl_interfaces.msg import Parameter as ParameterMsg
 
+from rclpy._classes import checked_attribute
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -23,7 +24,6 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.impl._fields import checked_attribute
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM as _START_SERVICE

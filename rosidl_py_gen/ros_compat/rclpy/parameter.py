@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, TypeVar, Uni
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
-from rclpy._subscriptable import Subscriptable
+from rclpy._classes import Subscriptable
 
 PARAMETER_SEPARATOR_STRING = "."
 

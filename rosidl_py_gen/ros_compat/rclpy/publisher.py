@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar, Union
 
+from rclpy._classes import Subscriptable
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy._subscriptable import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler, PublisherEventCallbacks
-from rclpy.impl.entities import TopicEntity
+from rclpy.handles import TopicEntity
 from rclpy.qos import QoSProfile
 from rosidl_py_gen import runtime
 

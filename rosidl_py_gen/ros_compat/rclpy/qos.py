@@ -7,9 +7,9 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 from typing import Any, TypeVar, Union
 
+from rclpy._classes import Checked
 from rclpy._rclpy_pybind11 import RMW_QOS_DEADLINE_BEST_AVAILABLE, QoSCompatibility
 from rclpy.duration import Duration
-from rclpy.impl._fields import Checked
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime import QoSPolicyKind
 from rosidl_py_gen.runtime import qos as presets

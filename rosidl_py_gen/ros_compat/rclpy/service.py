@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any, Awaitable, Callable, TypeVar
 
-from rclpy._subscriptable import Subscriptable
+from rclpy._classes import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
-from rclpy.impl.entities import ServiceEntity
+from rclpy.handles import ServiceEntity
 from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
 from rosidl_py_gen import runtime

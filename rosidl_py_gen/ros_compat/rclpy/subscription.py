@@ -8,11 +8,11 @@ from functools import partial
 from operator import methodcaller
 from typing import TYPE_CHECKING, Any, Awaitable, Callable, Optional, TypedDict, TypeVar
 
+from rclpy._classes import Subscriptable
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy._subscriptable import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
-from rclpy.impl.entities import TopicEntity
+from rclpy.handles import TopicEntity
 from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.subscription_content_filter_options import ContentFilterOptions
 from rclpy.utilities import _IDENTIFIERS

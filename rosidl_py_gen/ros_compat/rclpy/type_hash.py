@@ -2,7 +2,7 @@
 
 from typing import TypedDict
 
-from rclpy.impl._fields import Checked
+from rclpy._classes import Checked
 
 
 class TypeHashDictionary(TypedDict):

@@ -2,7 +2,7 @@
 
 from typing import Any, TypeVar
 
-from rclpy._subscriptable import Subscriptable
+from rclpy._classes import Subscriptable
 from rclpy.exceptions import NoTypeSupportImportedException
 
 Msg = Any

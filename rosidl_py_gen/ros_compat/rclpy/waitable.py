@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partialmethod
 from typing import TYPE_CHECKING, Any
 
-from rclpy._subscriptable import Subscriptable
+from rclpy._classes import Subscriptable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection

@@ -36,7 +36,7 @@ from support.mcap_records import (
 
 from rosidl_py_gen import get_message, ros_cli
 from rosidl_py_gen.bags import BagReader, BagWriter, SqliteWriter
-from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex_file, reindex_folder
 
 String: Any = get_message("std_msgs/msg/String")
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
@@ -306,7 +306,7 @@ def test_failed_reindex_leaves_the_bag_unchanged(tmp_path: Path, monkeypatch: An
 
     with monkeypatch.context() as patch:
         if step == "write":
-            patch.setattr("rosidl_py_gen.bags.reindexing.sync_file", fail)
+            patch.setattr("rosidl_py_gen.bags.rewriting.sync_file", fail)
         else:
             patch.setattr(Path, "replace", fail)
         with pytest.raises(OSError, match="No space"):

@@ -24,7 +24,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.bags.reindexing import reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex_folder
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # damaged messages are skipped

@@ -16,7 +16,7 @@ from support.bag_samples import write_foreign, write_humble
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.definition_lookup import WrongDefinitionError
-from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.errors import RosidlError
 
 Empty: Any = get_message("std_msgs/msg/Empty")

@@ -27,7 +27,7 @@ from rosidl_py_gen.bags import (
     SkippedMessages,
     SqliteWriter,
 )
-from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.bags.writer import topic_of
 
 COUNT = 20
 

@@ -108,7 +108,7 @@ RESTRICTED = {
         "ros_cli.message_expressions",
         "ros_cli.message_text",
         "ros_cli.topic.statistics",
-        "bags.splitting_writer",
+        "bags.writer",
         "type_loading.scan_cache",
     ),
     r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),

@@ -14,7 +14,7 @@ from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, ros_cli
 from rosidl_py_gen.bags import BagTopic, BagWriter, RawMessage
-from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability

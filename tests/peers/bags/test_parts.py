@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from support.bag_samples import STORAGES, String, file_size_limit, write_strings
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter, SqliteWriter
-from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.runtime import QoSProfile
 
 S = 1_000_000_000

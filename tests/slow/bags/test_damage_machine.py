@@ -31,7 +31,7 @@ from support.example_counts import examples
 
 from rosidl_py_gen import ros_cli
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWarning
-from rosidl_py_gen.bags.reindexing import reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex_folder
 from rosidl_py_gen.errors import RosidlError
 
 MAX_BYTES = 100 << 20

@@ -13,7 +13,8 @@ from mcap.writer import CompressionType, IndexType
 from support.bag_samples import STRING, String, memory_limit, require_error, write_foreign, write_strings
 from zstandard import ZstdCompressor
 
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter, mcap_writer
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
+from rosidl_py_gen.bags import writer as writers
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.storage import storage_api
 from rosidl_py_gen.errors import DecodeError
@@ -109,8 +110,8 @@ def test_large_messages_of_the_writer_are_never_refused_as_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     """The limit is 1 MiB instead of 1023 MiB; zeros are compressed to less than a thousandth."""
-    assert mcap_writer.MAX_COMPRESSED_BYTES + mcap_writer.CHUNK_BYTES < storage_api.MAX_UNPACKED_BYTES
-    monkeypatch.setattr(mcap_writer, "MAX_COMPRESSED_BYTES", 1 << 20)
+    assert writers.MAX_COMPRESSED_BYTES + writers.CHUNK_BYTES < storage_api.MAX_UNPACKED_BYTES
+    monkeypatch.setattr(writers, "MAX_COMPRESSED_BYTES", 1 << 20)
     large = String(data="\0" * (5 << 20)).encode()
     small = String(data="x" * 1000).encode()
     path = tmp_path / "b.mcap"

@@ -120,7 +120,6 @@ MORE = {
         "rclpy.impl.action_endpoints",
         "rclpy.impl.async_entities",
         "rclpy.impl.content_filter",
-        "rclpy.impl.entities",
         "rclpy.impl.names",
         "rclpy.impl.pending_requests",
         "rclpy.lifecycle.node.LifecycleStateMachine",

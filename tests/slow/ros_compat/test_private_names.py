@@ -19,6 +19,7 @@ FOLDER = Path(rosidl_py_gen.__file__).parent / "ros_compat"
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 PREFIX = re.compile(r"_rosidl_|_ROSIDL_|__\w+__$")
 INTERNAL = (
+    "rclpy._classes",
     "rclpy.entity_execution",
     "rclpy.handles",
     "rclpy.impl.",

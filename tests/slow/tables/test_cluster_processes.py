@@ -29,21 +29,19 @@ from werkzeug.serving import make_server
 
 from rosidl_py_gen import ExtraMissingError
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
-from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tables.multi_bag import datasets as many
-from rosidl_py_gen.tables.multi_bag import task_runners
+from rosidl_py_gen.tables import bag_tasks, write_datasets
+from rosidl_py_gen.tables import multi_bag as many
 
 BAGS = 60
 EACH = 20
 PARENT = """
 import os, time
-from rosidl_py_gen.tables.multi_bag import task_runners
-from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
+from rosidl_py_gen.tables.bag_tasks import TaskResult, local_processes
 
 def pid(task):
     return TaskResult(error=str(os.getpid()))
 
-with task_runners.local_processes(1) as run:
+with local_processes(1) as run:
     run(pid, ["a"], lambda task, result: print(result.error, flush=True))
     time.sleep(60)
 """
@@ -86,13 +84,13 @@ def test_killed_workers_neither_lose_nor_duplicate_messages(two_workers: Any, tm
 def test_task_that_kills_its_worker_each_time_is_given_up(two_workers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_workers.scheduler, "allowed_failures", 0)
 
-    with task_runners.dask_cluster(two_workers.scheduler_address) as run:
+    with bag_tasks.dask_cluster(two_workers.scheduler_address) as run:
         assert "KilledWorker" in results_of(run, die, [5])[5].error
         assert results_of(run, fail, [6])[6].error == "the worker failed: KeyError: 6"
 
 
 def test_scheduler_that_does_not_respond_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(task_runners, "CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(bag_tasks, "CONNECT_TIMEOUT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
     for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1", "tls://127.0.0.1:1"):
         with pytest.raises(BagError, match=f"no scheduler of Dask responds at {address}"):
@@ -109,7 +107,7 @@ def results_of(run: Any, function: Any, tasks: list[Any]) -> dict[Any, Any]:
 
 
 def test_local_processes_are_reused_and_open_no_port() -> None:
-    with task_runners.local_processes(2) as run:
+    with bag_tasks.local_processes(2) as run:
         first, second = results_of(run, pid, ["a", "b", "c", "d"]), results_of(run, pid, ["e"])
     assert sorted(first) == ["a", "b", "c", "d"]
     pids = {int(one.error) for one in first.values()}
@@ -133,7 +131,7 @@ def test_bag_that_ends_its_process_fails_alone_and_the_next_run_writes_it(
 
 
 def test_task_that_raises_in_a_process_fails_alone() -> None:
-    with task_runners.local_processes(2) as run:
+    with bag_tasks.local_processes(2) as run:
         assert results_of(run, fail, [6])[6].error == "the worker failed: KeyError: 6"
 
 
@@ -164,7 +162,7 @@ def interrupt(task: object, result: object) -> None:
 
 def test_interrupt_does_not_wait_for_running_tasks() -> None:
     start = time.monotonic()
-    with pytest.raises(KeyboardInterrupt), task_runners.local_processes(3) as run:
+    with pytest.raises(KeyboardInterrupt), bag_tasks.local_processes(3) as run:
         run(last_a_minute, ["a", "b", "c"], interrupt)
     assert time.monotonic() - start < 30
 

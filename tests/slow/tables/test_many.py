@@ -16,12 +16,11 @@ import pytest
 from std_msgs.msg import Int64, String
 from support.bag_datasets import bag_of, rows, said
 
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, mcap_writer
-from rosidl_py_gen.tables import write_dataset, write_datasets
-from rosidl_py_gen.tables.multi_bag import bag_tasks
-from rosidl_py_gen.tables.multi_bag import datasets as many
-from rosidl_py_gen.tables.multi_bag.bag_tasks import run_task
-from rosidl_py_gen.tables.multi_bag.datasets import names_of
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, writer
+from rosidl_py_gen.tables import bag_tasks, write_dataset, write_datasets
+from rosidl_py_gen.tables import multi_bag as many
+from rosidl_py_gen.tables.bag_tasks import run_task
+from rosidl_py_gen.tables.multi_bag import names_of
 from rosidl_py_gen.tables.query import Database, is_dataset
 
 
@@ -107,7 +106,7 @@ def test_large_bag_is_split_into_tasks_with_each_message_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
-    monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 12)
+    monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 12)
     numbers = [*range(3000)]
     bag = bag_of(tmp_path / "a.mcap", *numbers, compression=compression)
     report = write_datasets([bag, bag_of(tmp_path / "b.mcap", 7)], tmp_path / "out")
@@ -126,7 +125,7 @@ def test_large_bag_is_split_into_tasks_with_each_message_once(
 
 def test_overlapping_chunks_are_split_by_time_without_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
-    monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 12)
+    monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 12)
     with BagWriter(tmp_path / "a.mcap") as made:
         for number in range(2000):
             made.write("/n", Int64(data=number), (number * 7919) % 500)
@@ -196,7 +195,7 @@ def test_a_file_without_a_valid_record_is_not_replaced(tmp_path: Path, damage: s
 
 def test_a_part_without_messages_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
-    monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 12)
+    monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 12)
     bag, out = bag_of(tmp_path / "a.mcap", *range(3000), text="x"), tmp_path / "out"
     assert len(write_datasets([bag], out, topics=["/s"]).files["a"]) == 1
     assert said(write_datasets([bag], out, topics=["/s"])) == ([], ["a"], [])

@@ -13,7 +13,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from unique_identifier_msgs.msg import UUID
 
-from rclpy._subscriptable import Subscriptable
+from rclpy._classes import Subscriptable
 from rclpy.executors import await_or_execute
 from rclpy.impl.action_endpoints import ActionWaitable
 from rclpy.impl.pending_requests import PendingRequests, wait_until_done

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from action_msgs.msg import GoalInfo, GoalStatus
 
+from rclpy._classes import Subscriptable
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy._subscriptable import Subscriptable
 from rclpy.clock import Clock
 from rclpy.executors import await_or_execute
 from rclpy.impl.action_endpoints import ActionWaitable

@@ -6,6 +6,7 @@ import asyncio
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy._classes import checked_attribute
 from rclpy.clock_type import ClockType
 from rclpy.constants import S_TO_NS
 from rclpy.experimental.async_client import AsyncClient
@@ -14,7 +15,6 @@ from rclpy.experimental.async_publisher import AsyncPublisher
 from rclpy.experimental.async_service import AsyncService
 from rclpy.experimental.async_subscription import AsyncSubscription
 from rclpy.experimental.async_timer import AsyncTimer
-from rclpy.impl._fields import checked_attribute
 from rclpy.impl.async_entities import TaskGroup
 from rclpy.node import BaseNode
 from rclpy.publisher import Publisher

@@ -18,29 +18,29 @@ from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables.dataset_writer import DatasetFile, bag_name
-from rosidl_py_gen.tables.multi_bag.bag_tasks import (
+from rosidl_py_gen.tables.bag_tasks import (
     Task,
     TaskOptions,
     TaskRecord,
     TaskResult,
     complete_parts,
+    dask_cluster,
     digest,
     find_task_files,
+    local_processes,
     remove_files,
     remove_partial_files,
     run_task,
     split_task,
     split_times_of,
 )
-from rosidl_py_gen.tables.multi_bag.task_runners import dask_cluster, local_processes
-from rosidl_py_gen.tables.output_files import file_system, url_of
+from rosidl_py_gen.tables.dataset_writer import DatasetFile, bag_name, file_system, url_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
     from contextlib import AbstractContextManager
 
-    from rosidl_py_gen.tables.multi_bag.bag_tasks import ResultFunction, TaskFile, TaskFunction, TaskRunner
+    from rosidl_py_gen.tables.bag_tasks import ResultFunction, TaskFile, TaskFunction, TaskRunner
 
 _TAG_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "checksum")
 _TIME_KEYS = ("mtime", "LastModified", "last_modified", "updated", "modified", "created")

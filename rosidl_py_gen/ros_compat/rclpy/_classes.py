@@ -1,9 +1,20 @@
-"""Attributes that accept only values of certain types."""
+"""Parts of classes: a base that accepts type arguments, such as ``Publisher[String]``, and attributes that accept only
+values of certain types.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import GenericAlias
 from typing import Any, Generic, TypeVar, overload
+
+
+class Subscriptable:
+    """Base of a class that accepts type arguments, without effect; classes of rclpy are generic since Kilted."""
+
+    def __class_getitem__(cls, arguments: Any) -> Any:
+        return GenericAlias(cls, arguments)
+
 
 _T = TypeVar("_T")
 

@@ -1,1 +1,0 @@
-"""Conversion of many bags to one Parquet dataset, in this process or in several processes."""
