@@ -21,7 +21,7 @@ from rosidl_py_gen.ros_cli.foxglove.viewer import Handlers
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
-PATIENCE_S = 12
+PATIENCE_S = 60
 
 
 class Viewer:
