@@ -19,7 +19,7 @@ from rosidl_py_gen.foxglove.server import FoxgloveOptions, Handlers, Server
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
-PATIENCE_S = 12
+PATIENCE_S = 60
 
 
 class Viewer:

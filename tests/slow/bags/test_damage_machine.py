@@ -158,7 +158,7 @@ class DamagedBag(RuleBasedStateMachine):
     def files(self) -> list[Path]:
         if not self.is_folder:
             return [self.path]
-        return sorted(one for one in self.path.iterdir() if ".mcap" in one.name or ".db3" in one.name)
+        return sorted(one for one in self.path.iterdir() if one.suffix in (".mcap", ".db3", ".zstd"))
 
     # --- damage -------------------------------------------------------------------------------------------------------
 
@@ -219,7 +219,8 @@ class DamagedBag(RuleBasedStateMachine):
     def swap_files(self, number: int) -> None:
         files = self.files
         one, other = files[number % len(files)], files[(number + 1) % len(files)]
-        if one.suffix == other.suffix:  # of a killed recorder the last one may not be compressed
+        has_journal = any("-" in file.name for file in self.path.iterdir())  # of a killed recorder
+        if one.suffix == other.suffix and not has_journal:  # the last one may not be compressed
             data, others = one.read_bytes(), other.read_bytes()
             one.write_bytes(others)
             other.write_bytes(data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 import textwrap
 import time
@@ -222,7 +223,16 @@ def is_alive(process: int) -> bool:
 
 
 def test_endless_setup_py_is_killed_with_its_child_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(setup_process, "TIMEOUT_S", 3.0)
+    class Process(subprocess.Popen[bytes]):
+        """The time begins when setup.py has started its child, however slow the machine is."""
+
+        def wait(self, timeout: float | None = None) -> int:
+            if timeout is not None:
+                wait_until(lambda: child_file.exists() and child_file.read_text())
+            return super().wait(timeout)
+
+    monkeypatch.setattr(setup_process, "TIMEOUT_S", 0.5)
+    monkeypatch.setattr(subprocess, "Popen", Process)
     code = """
     import os, subprocess, sys, time
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
@@ -231,9 +241,10 @@ def test_endless_setup_py_is_killed_with_its_child_processes(tmp_path: Path, mon
         print("x" * 100000)
     """
     package = write_package(tmp_path, code)
-    with pytest.raises(SetupRunError, match="did not end within 3 s"):
+    child_file = package / "child"
+    with pytest.raises(SetupRunError, match=r"did not end within 0\.5 s"):
         run_setup_py(package, "it must")
-    child = int((package / "child").read_text())
+    child = int(child_file.read_text())
     # A killed process exists until it has run once more.
     wait_until(lambda: not is_alive(child))
 
