@@ -55,9 +55,12 @@ def test_chunk_that_decompresses_beyond_the_limit_is_refused(tmp_path: Path, has
 
 def test_compressed_message_without_stated_size_is_read_with_little_memory(tmp_path: Path) -> None:
     with SqliteWriter(tmp_path / "bag", compression_mode="message") as writer:
-        writer._zstd = ZstdCompressor(write_content_size=False)
         writer.add_topic("/a", BagTopic("/a", *STRING))
         writer.write("/a", String(data="a").encode(), 1)
+    [file] = (tmp_path / "bag").glob("*.db3")
+    data = ZstdCompressor(write_content_size=False).compress(String(data="a").encode())
+    with contextlib.closing(sqlite3.connect(file)) as database, database:
+        database.execute("UPDATE messages SET data = ?", [data])
     with memory_limit(1 << 27):  # not the gigabyte that a message may have
         assert [one.message.data for one in read(tmp_path / "bag")] == ["a"]
 
