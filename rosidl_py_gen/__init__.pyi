@@ -25,13 +25,13 @@ from rosidl_py_gen.errors import OutputError as OutputError
 from rosidl_py_gen.errors import RosidlError as RosidlError
 from rosidl_py_gen.errors import TypeNotFoundError as TypeNotFoundError
 from rosidl_py_gen.errors import UnknownDistributionError as UnknownDistributionError
-from rosidl_py_gen.type_loading.class_lookup import compile_definition as compile_definition
-from rosidl_py_gen.type_loading.class_lookup import get_action as get_action
-from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
-from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
-from rosidl_py_gen.type_loading.import_hook import FoundPackage as FoundPackage
-from rosidl_py_gen.type_loading.import_hook import ImportHookWarning as ImportHookWarning
-from rosidl_py_gen.type_loading.import_hook import found_packages as found_packages
-from rosidl_py_gen.type_loading.import_hook import install_import_hook as install_import_hook
+from rosidl_py_gen.type_loading import FoundPackage as FoundPackage
+from rosidl_py_gen.type_loading import ImportHookWarning as ImportHookWarning
+from rosidl_py_gen.type_loading import compile_definition as compile_definition
+from rosidl_py_gen.type_loading import found_packages as found_packages
+from rosidl_py_gen.type_loading import get_action as get_action
+from rosidl_py_gen.type_loading import get_message as get_message
+from rosidl_py_gen.type_loading import get_service as get_service
+from rosidl_py_gen.type_loading import install_import_hook as install_import_hook
 
 __version__: str

@@ -4,19 +4,12 @@ Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `
 """
 
 from rosidl_py_gen.base.resources import missing_extra_message as _extra_missing
+from rosidl_py_gen.cdr.lazy import stub_exports
 
 try:
-    from rosidl_py_gen.bags.common import BagError as BagError
-    from rosidl_py_gen.bags.common import BagMessage as BagMessage
-    from rosidl_py_gen.bags.common import BagTopic as BagTopic
-    from rosidl_py_gen.bags.common import BagWarning as BagWarning
-    from rosidl_py_gen.bags.common import DamagedPart as DamagedPart
-    from rosidl_py_gen.bags.common import RawMessage as RawMessage
-    from rosidl_py_gen.bags.common import SkippedMessages as SkippedMessages
-    from rosidl_py_gen.bags.definition_lookup import DecoderFactory as DecoderFactory
-    from rosidl_py_gen.bags.definition_lookup import TopicDefinition as TopicDefinition
-    from rosidl_py_gen.bags.reader import BagReader as BagReader
-    from rosidl_py_gen.bags.writer import BagWriter as BagWriter
-    from rosidl_py_gen.bags.writer import SqliteWriter as SqliteWriter
+    import mcap as _mcap  # noqa: F401  for the error
+    import yaml as _yaml  # noqa: F401
 except ModuleNotFoundError as missing:
     raise _extra_missing(missing) or missing from None
+
+__getattr__, __dir__, __all__ = stub_exports(__name__)

@@ -38,8 +38,7 @@ from rosidl_py_gen.errors import (
     UnknownDistributionError,
     printable,
 )
-from rosidl_py_gen.type_loading.class_lookup import SearchFolders, definition_origin, find_class
-from rosidl_py_gen.type_loading.from_description import definition_text
+from rosidl_py_gen.type_loading import SearchFolders, definition_origin, definition_text, find_class
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.definition_lookup import Typestore
     from rosidl_py_gen.bags.metadata import BagMetadata
     from rosidl_py_gen.bags.storage.storage_api import Storage
-    from rosidl_py_gen.type_loading.class_lookup import SearchFolders
+    from rosidl_py_gen.type_loading import SearchFolders
 
 MessageT = TypeVar("MessageT", bound=Message)
 _END = 1 << 64
@@ -517,7 +517,7 @@ class BagReader:
                 column cannot be represented in Arrow; or, while reading, the bag is damaged.
             DecodeError: a message is damaged; names the topic and the time.
         """
-        from rosidl_py_gen.tables.reading import reader
+        from rosidl_py_gen.tables import reader
 
         channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
         source = self._source([channels[0].name], start_ns, end_ns, on_error)

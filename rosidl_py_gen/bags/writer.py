@@ -391,7 +391,7 @@ class BagWriter(SplittingWriter):
             EncodeError: a value is out of range; names the topic, the time and the field.
             OSError: the disk is full.
         """
-        from rosidl_py_gen.tables.writing import located, messages_of, stream_of, topic_of_schema
+        from rosidl_py_gen.tables import located, messages_of, stream_of, topic_of_schema
 
         self._require_open()
         stream = stream_of(table)

@@ -1,7 +1,8 @@
 """Packages whose modules load when a name is first used (PEP 562), so that importing `sensor_msgs.msg` is cheap.
 
 The names come from a mapping, in generated packages, or from the package's stub file, which type checkers read as
-well: `from MODULE import NAME as NAME`, one on each line.
+well: `from MODULE import NAME as NAME`, one on each line. Names below the first comment of a stub file are for other
+packages of rosidl_py_gen, and not public.
 
 Thread: any. The import system makes threads wait for a module that another one imports, so all get the same object.
 """
@@ -13,7 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 
 def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
@@ -25,15 +26,25 @@ def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[st
 
 
 def stub_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__`, `__all__` for a package that lazily imports names of its ``__init__.pyi``."""
+    """Return `__getattr__`, `__dir__`, `__all__` for a package that lazily imports names of its ``__init__.pyi``.
+
+    `__dir__` and `__all__` have the public names only.
+    """
     # Not lazy_loader 0.6: it refuses stubs with names of other packages (here `rosidl_py_gen.errors`) or in zip files.
     spec: Any = sys.modules[package].__spec__
-    lines = spec.loader.get_data(f"{spec.origin}i").decode().splitlines()  # out of a zip file, too
-    homes = {words[3]: words[1] for words in map(str.split, lines) if words[:1] == ["from"]}
-    return *_exports(package, homes), sorted(homes)
+    text = spec.loader.get_data(f"{spec.origin}i").decode()  # out of a zip file, too
+    public, _, others = (_homes(part) for part in text.partition("#"))
+    return *_exports(package, public | others, public), sorted(public)
 
 
-def _exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+def _homes(stub: str) -> dict[str, str]:
+    """Return the modules of the names that a part of a stub file imports."""
+    return {words[3]: words[1] for words in map(str.split, stub.splitlines()) if words[:1] == ["from"]}
+
+
+def _exports(
+    package: str, homes: Mapping[str, str], public: Iterable[str] | None = None
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     def module_getattr(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
@@ -41,4 +52,4 @@ def _exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], ob
         setattr(sys.modules[package], name, value)
         return value
 
-    return module_getattr, lambda: sorted({*vars(sys.modules[package]), *homes})
+    return module_getattr, lambda: sorted({*vars(sys.modules[package]), *(homes if public is None else public)})

@@ -15,7 +15,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.type_loading.class_lookup import load_compiler
+from rosidl_py_gen.type_loading import load_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Iterable, Sequence

@@ -28,7 +28,7 @@ from rosidl_py_gen.command_support.graph_lookup import (
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
-from rosidl_py_gen.type_loading.from_description import definition_text
+from rosidl_py_gen.type_loading import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -27,7 +27,7 @@ from rosidl_py_gen.foxglove import limits
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
 from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
-from rosidl_py_gen.type_loading.from_description import definition_text
+from rosidl_py_gen.type_loading import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -41,7 +41,7 @@ from rosidl_py_gen.generator_cli.command_line import (
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.frontend import SearchPath
     from rosidl_py_gen.compiler.generate import GenerationResult
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -86,7 +86,7 @@ def _search(paths: tuple[str, ...]) -> SearchPath:
     """Return the search path of a command, from ``--path`` before and after its name, folders of the project, and
     defaults.
     """
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import scan_search_path
 
     return scan_search_path(_all_paths(paths))
 
@@ -215,7 +215,7 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> None:
     """Install or uninstall (`action`) message packages in this Python environment, and print their names."""
-    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.wheels import environment
     from rosidl_py_gen.wheels.build import with_bundled
 
@@ -253,7 +253,7 @@ def _install_library(as_json: bool) -> list[str]:
 
 
 def _generate(paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, as_json: bool) -> None:
-    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.compiler.generate import generate
 
     progress = _Progress()
@@ -323,7 +323,7 @@ def _print(result: GenerationResult, out: str, check: bool, as_json: bool) -> No
 
 
 def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
-    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.compiler.frontend import split_filter
 
     search = _search(paths)
     chosen = {text.split("/")[0] for text in split_filter(selection)} or {*search.packages}
@@ -360,7 +360,7 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
 
     NAMES are packages or interfaces. [default: IDL_PACKAGE_FILTER, else all packages]
     """
-    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.compiler.generate import load, notes_of
 
     search = _search(paths)
@@ -386,9 +386,8 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
     from rosidl_py_gen.base.descriptions import build_type_description
-    from rosidl_py_gen.compiler.frontend.definition_text import full_text, source_text
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
-    from rosidl_py_gen.type_loading.from_description import registry_of_generated_class
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, full_text, read_checked, source_text
+    from rosidl_py_gen.type_loading import registry_of_generated_class
 
     top = split_ros_name(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.frontend.model import (
+from rosidl_py_gen.compiler.frontend import (
     DERIVED_TYPES_PACKAGES,
     MessageDef,
     messages_of,
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.base.names import RosName
-    from rosidl_py_gen.compiler.frontend.model import ConstantDef, FieldDef
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+    from rosidl_py_gen.compiler.frontend import ConstantDef, FieldDef, InterfaceRegistry
 
 
 class AmbiguousTypeError(RosidlError):

@@ -24,10 +24,15 @@ from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.convert import to_dict
 from rosidl_py_gen.cdr.type_queries import type_description
-from rosidl_py_gen.compiler.frontend.bundled import is_absent
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, split_filter
-from rosidl_py_gen.compiler.frontend.search_path import BUNDLED, scan_search_path
-from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
+from rosidl_py_gen.compiler.frontend import (
+    BUNDLED,
+    InterfaceRegistry,
+    is_absent,
+    read_checked,
+    registry_from_descriptions,
+    scan_search_path,
+    split_filter,
+)
 from rosidl_py_gen.compiler.generate import load, notes_of
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
 from rosidl_py_gen.generator_cli import git_revision
@@ -42,12 +47,12 @@ from rosidl_py_gen.generator_cli.compare import (
     merge,
     select_names,
 )
-from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES
+from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.frontend import SearchPath
     from rosidl_py_gen.generator_cli.compare import Comparison, ElementChange, MessageChange, TypeChange
     from rosidl_py_gen.runtime import Node
 
@@ -214,8 +219,7 @@ def _from_revision(folder: Path | None, display: str, notes: list[str], paths: S
 
 def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.type_loading.class_lookup import registry_of_text
-    from rosidl_py_gen.type_loading.from_description import definition_text
+    from rosidl_py_gen.type_loading import definition_text, registry_of_text
 
     parts: list[tuple[str, DefinitionSet]] = []
     notes: list[str] = []

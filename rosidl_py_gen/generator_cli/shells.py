@@ -26,7 +26,7 @@ from click.shell_completion import (
 from rosidl_py_gen.generator_cli.command_line import suggestions
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.frontend.search_path import Package
+    from rosidl_py_gen.compiler.frontend import Package
 
 # bash splits COMP_WORDS at ":" and "=", so the typed line is passed as well. `read` keeps values with "*" or blanks.
 _BASH = r"""%(complete_func)s() {
@@ -231,7 +231,7 @@ def complete_selection(ctx: click.Context, incomplete: str) -> list[CompletionIt
 
 
 def _packages(ctx: click.Context) -> list[Package]:
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import scan_search_path
 
     above = ctx.parent.params.get("paths") if ctx.parent else None
     return list(scan_search_path((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())

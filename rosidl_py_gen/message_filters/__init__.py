@@ -3,9 +3,6 @@
 The synchronizers make the same sets of messages as the Python package message_filters of ROS 2.
 """
 
-from rosidl_py_gen.message_filters.filters import ApproximateTimeSynchronizer as ApproximateTimeSynchronizer
-from rosidl_py_gen.message_filters.filters import Cache as Cache
-from rosidl_py_gen.message_filters.filters import MessageFilter as MessageFilter
-from rosidl_py_gen.message_filters.filters import StampError as StampError
-from rosidl_py_gen.message_filters.filters import Subscriber as Subscriber
-from rosidl_py_gen.message_filters.filters import TimeSynchronizer as TimeSynchronizer
+from rosidl_py_gen.cdr.lazy import stub_exports
+
+__getattr__, __dir__, __all__ = stub_exports(__name__)

@@ -15,15 +15,13 @@ from stat import S_IMODE, S_ISREG
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
 from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder, part_reason
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
-from rosidl_py_gen.compiler.frontend.cmake_reader import inside
-from rosidl_py_gen.compiler.frontend.search_path import MANIFEST, Workspace, workspace_around
+from rosidl_py_gen.compiler.frontend import MANIFEST, Workspace, bundled_packages, inside, workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
 from rosidl_py_gen.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
 from rosidl_py_gen.prefix.setup_process import run_setup_py
-from rosidl_py_gen.type_loading.disk_cache import cached_folder
+from rosidl_py_gen.type_loading import cached_folder
 
 STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
@@ -166,7 +164,7 @@ def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFi
         f"{SITE_PACKAGES}/sitecustomize.py": template.replace("frozenset(())", f"frozenset({sorted(names)})"),
     }
     files = {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
-    package = Path(__file__).parents[3]
+    package = Path(__file__).parents[2]
     ros2 = Executable("ros2", package, module="rosidl_py_gen.ros_cli.ros2", function="main")
     return files | {f"{PROGRAMS}/ros2": PrefixFile(content=ros2.program(), mode=PROGRAM)}
 

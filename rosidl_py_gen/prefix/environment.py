@@ -16,9 +16,8 @@ from pathlib import Path
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONMENT_VARIABLE, selected
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend.search_path import Workspace, package_around, workspace_around
-from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
-from rosidl_py_gen.type_loading.scan_cache import workspace_packages
+from rosidl_py_gen.compiler.frontend import Workspace, package_around, workspace_around
+from rosidl_py_gen.type_loading import ImportHookWarning, install_import_hook, workspace_packages
 
 _RUN_FUNCTION = """from {module} import {first}
 

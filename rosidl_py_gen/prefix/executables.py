@@ -13,17 +13,18 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_files import PackageBudget, UnreadableError, read_text
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, inside, read_text
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix.environment import Executable
-from rosidl_py_gen.type_loading.setup_reader.setup_files import (
+from rosidl_py_gen.type_loading import (
+    Install,
     PackageSetup,
     RunSetup,
     SetupFilesError,
+    cmake_installs,
     read_setup_files,
+    setup_installs,
 )
-from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
 _GROUP = "console_scripts"
@@ -143,7 +144,7 @@ def of_distribution(package: str) -> dict[str, Executable]:
 
 def of_bundled(package: str) -> dict[str, Executable]:
     """Return the executables of a ROS package that rosidl-py-gen contains, by name."""
-    return _functions(BUNDLED.get(package, {}), Path(__file__).parents[3])
+    return _functions(BUNDLED.get(package, {}), Path(__file__).parents[2])
 
 
 def _functions(values: Mapping[str, str], folder: Path) -> dict[str, Executable]:

@@ -29,7 +29,7 @@ from rosidl_py_gen.base.package_repositories import LAUNCH_PACKAGES, MESSAGES, R
 from rosidl_py_gen.base.resources import extra_requirements
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend.search_path import Workspace, scan_search_path
+from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
 from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES

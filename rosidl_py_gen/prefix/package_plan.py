@@ -18,23 +18,32 @@ from typing import NamedTuple
 
 from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_files import (
+from rosidl_py_gen.compiler.frontend import (
+    UNKNOWN,
+    CMakeScript,
+    Package,
     PackageBudget,
     UnreadableError,
     files_below,
+    holds_interfaces,
+    inside,
     mentions_interfaces,
     note,
     read_package_manifest,
     read_text,
 )
-from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES, Executable
-from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
-from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup, RunSetup, read_setup_files
-from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
+from rosidl_py_gen.type_loading import (
+    RCLPY_COMPAT_DIR,
+    Install,
+    PackageSetup,
+    RunSetup,
+    cmake_installs,
+    read_setup_files,
+    setup_installs,
+)
 
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())

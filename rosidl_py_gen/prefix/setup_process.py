@@ -18,10 +18,9 @@ from threading import Thread
 from typing import IO, Any
 
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend.package_files import Stamp, UnreadableError, files_below, note, stamp
+from rosidl_py_gen.compiler.frontend import Stamp, UnreadableError, files_below, note, stamp
 from rosidl_py_gen.errors import RosidlError, display_path, printable
-from rosidl_py_gen.type_loading.scan_cache import cached
-from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, merge_calls
+from rosidl_py_gen.type_loading import SetupArguments, cached, merge_calls
 
 TIMEOUT_S = 10.0
 """Maximum run time of a setup.py in seconds, after which its process group is killed."""

@@ -309,7 +309,7 @@ def _handles_import_error(kind: ast.expr | None) -> bool:
 
 def _is_ours(module: str) -> bool:
     """Return True for a module that rosidl-py-gen provides: of its rclpy, or of a message package."""
-    from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
+    from rosidl_py_gen.type_loading import RCLPY_COMPAT_DIR
 
     top, _, rest = module.partition(".")
     if (RCLPY_COMPAT_DIR / top / "__init__.py").is_file():

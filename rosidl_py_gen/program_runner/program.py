@@ -26,10 +26,12 @@ from rosidl_py_gen.base.package_repositories import install_note
 from rosidl_py_gen.command_support import CommandError, report
 from rosidl_py_gen.prefix.environment import Executable
 from rosidl_py_gen.runtime import RosArgumentError
-from rosidl_py_gen.type_loading import import_hook
-from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR, found_packages
+from rosidl_py_gen.type_loading import RCLPY_COMPAT_DIR, found_packages
 
-_COMMANDS_DIR, _PACKAGE_DIR = (str(Path(__file__).parents[level]) for level in (1, 2))
+_PACKAGE_DIR = str(Path(__file__).parents[1])
+_COMMAND_DIRS = tuple(
+    str(Path(_PACKAGE_DIR, one)) for one in ("ros_cli", "command_support", "prefix", "program_runner")
+)
 _SIGNAL_HANDLER = str(RCLPY_COMPAT_DIR / "rclpy" / "signals.py")
 _STDLIB = str(Path(linecache.__file__).parent)
 _KINDS = "|".join(KINDS)
@@ -121,7 +123,7 @@ def _spec(name: str) -> ModuleSpec:
 
 
 def _without_own_frames(traceback: TracebackType | None) -> TracebackType | None:
-    own = (_COMMANDS_DIR, "<frozen importlib", importlib.__file__)
+    own = (*_COMMAND_DIRS, "<frozen importlib", importlib.__file__)
     return next((one for one in _entries(traceback) if not one.tb_frame.f_code.co_filename.startswith(own)), None)
 
 
@@ -132,8 +134,9 @@ def filter_traceback(error: BaseException) -> None:
     elif isinstance(error, ModuleNotFoundError) and error.name is not None:
         package = error.name.partition(".")[0]
         if "git clone" in str(error):  # raised by the import hook
+            import_hook = found_packages.__code__.co_filename
             for one in _entries(error.__traceback__):
-                if one.tb_next is not None and one.tb_next.tb_frame.f_code.co_filename == import_hook.__file__:
+                if one.tb_next is not None and one.tb_next.tb_frame.f_code.co_filename == import_hook:
                     one.tb_next = None
         elif error.name == package and (note := install_note(package)):
             _add_note(error, note)

@@ -18,15 +18,13 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, note
-from rosidl_py_gen.compiler.frontend.search_path import Workspace
+from rosidl_py_gen.compiler.frontend import UnreadableError, Workspace, files_below, note
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES, Executable, make_importable, roots, variables, workspaces
 from rosidl_py_gen.program_runner.program import start as start_program
-from rosidl_py_gen.type_loading.disk_cache import is_usable
-from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
+from rosidl_py_gen.type_loading import cached, is_usable, workspace_packages
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments
+    from rosidl_py_gen.type_loading import SetupArguments
 
 
 def start(

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.terminal_text import MAX_FIRST
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
-from rosidl_py_gen.tf.frame_tree import ORIGIN, Quaternion, Vector, add, normalized, product, rotate
+from rosidl_py_gen.tf import ORIGIN, Quaternion, Vector, add, normalized, product, rotate
 
 MAX_BYTES = 8 * MAX_FILE_BYTES  # URDFs of humanoids with all their meshes have about 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")

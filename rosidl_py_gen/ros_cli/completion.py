@@ -108,7 +108,7 @@ def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: st
 
 def complete_enclaves(context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete names of enclaves in the keystore that the command line names."""
-    from rosidl_py_gen.security.keystore import Keystore
+    from rosidl_py_gen.security import Keystore
 
     return _items(lambda: Keystore(Path(context.params["root"]), lambda text: None).list_enclaves(), incomplete)
 
@@ -131,7 +131,7 @@ def _names(what: str, context: click.Context) -> list[str]:
         folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
         if what == "workspace packages":
             return [*folders]
-        from rosidl_py_gen.compiler.frontend.package_files import files_below
+        from rosidl_py_gen.compiler.frontend import files_below
 
         names = (PurePath(one).name for one in files_below(folders[context.params["words"][0]]))
         return sorted({name for name in names if "launch" in name})

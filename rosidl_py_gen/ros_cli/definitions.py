@@ -14,17 +14,23 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, resolve_name
-from rosidl_py_gen.compiler.frontend.search_path import missing_package, scan_search_path
-from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions, written_messages
+from rosidl_py_gen.compiler.frontend import (
+    InterfaceRegistry,
+    missing_package,
+    read_checked,
+    registry_from_descriptions,
+    resolve_name,
+    scan_search_path,
+    written_messages,
+)
 from rosidl_py_gen.errors import InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.type_loading.disk_cache import cached_descriptions
+from rosidl_py_gen.type_loading import cached_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
     from rosidl_py_gen.base.descriptions import Description
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
 
 def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
@@ -39,7 +45,7 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
 
     Raises `CommandError` if the package is unknown.
     """
-    from rosidl_py_gen.type_loading.from_description import generated_names
+    from rosidl_py_gen.type_loading import generated_names
 
     generated = [
         name for name in generated_names() if name.package not in search.packages and package in ("", name.package)
@@ -81,7 +87,7 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
 
 
 def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    from rosidl_py_gen.type_loading.from_description import registry_of_generated_class
+    from rosidl_py_gen.type_loading import registry_of_generated_class
 
     if (definition := registry_of_generated_class(text)) is None:
         return None

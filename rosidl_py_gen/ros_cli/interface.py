@@ -14,8 +14,7 @@ from rosidl_py_gen.ros_cli import options, verb
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
 
 _KINDS = {"msg": "Messages", "srv": "Services", "action": "Actions"}
 _kind_options = options.all_of(
@@ -31,7 +30,7 @@ def _find_names(
     """Return the search path, the selected kinds of interfaces (all if none is given), and the interfaces of these
     kinds.
     """
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import scan_search_path
     from rosidl_py_gen.ros_cli.definitions import names_of
 
     selected = {"msg": msgs, "srv": srvs, "action": actions}
@@ -113,8 +112,7 @@ def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...
     --json prints the type description and the hash.
     """
     from rosidl_py_gen.base.descriptions import build_type_description
-    from rosidl_py_gen.compiler.frontend.definition_text import expanded_lines
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import expanded_lines, scan_search_path
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
     library, top = read_definition(scan_search_path(paths), name)
@@ -140,7 +138,7 @@ def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: 
     rosidl-py interface hash std_msgs/msg/String
     rosidl-py interface hash --parts example_interfaces/action/Fibonacci
     """
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import scan_search_path
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
     search = scan_search_path(paths)
@@ -153,7 +151,7 @@ def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: 
 
 
 def _parts(library: InterfaceRegistry, top: RosName) -> list[str]:
-    from rosidl_py_gen.compiler.frontend.model import ActionDef, ServiceDef
+    from rosidl_py_gen.compiler.frontend import ActionDef, ServiceDef
 
     interface = library.interface(top)
     if not isinstance(interface, ServiceDef | ActionDef):
@@ -191,8 +189,7 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
     """Return an example message of a type with default values; for a service its request, for an action its goal."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.compiler.frontend.registry import resolve_name
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import resolve_name, scan_search_path
 
     name = resolve_name(scan_search_path(paths), text)
     try:
@@ -200,7 +197,7 @@ def _example(text: str, paths: tuple[str, ...]) -> Message:
         return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()
     except TypeNotFoundError:
         from rosidl_py_gen.ros_cli.definitions import cached_registry
-        from rosidl_py_gen.type_loading.class_lookup import class_of_registry
+        from rosidl_py_gen.type_loading import class_of_registry
 
         cached = cached_registry(text)
         if cached is None:

@@ -104,8 +104,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
 
 def _declared_tests(folder: Path) -> list[str]:
     """Return the paths of tests that CMakeLists.txt declares; [] if it is missing, or a path does not exist."""
-    from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
-    from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+    from rosidl_py_gen.compiler.frontend import CMakeScript, UnreadableError, inside, read_text
 
     try:
         calls = CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls

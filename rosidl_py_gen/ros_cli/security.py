@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Node, NodeInfo
-    from rosidl_py_gen.security.keystore import Keystore
-    from rosidl_py_gen.security.policy import PolicyEnclave
+    from rosidl_py_gen.security import Keystore, PolicyEnclave
 
 _KEYSTORE = "ROS_SECURITY_KEYSTORE"
 _root = click.argument("root", metavar="ROOT", type=click.Path(file_okay=False, path_type=Path))
@@ -35,7 +34,7 @@ def _domain_id() -> int:
 
 
 def _keystore(root: Path) -> Keystore:
-    from rosidl_py_gen.security.keystore import Keystore
+    from rosidl_py_gen.security import Keystore
 
     return Keystore(root, terminal_output.note)
 
@@ -43,7 +42,7 @@ def _keystore(root: Path) -> Keystore:
 @contextmanager
 def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
     """Lock a complete keystore against other commands and yield it; print a note if its governance lacks the domain."""
-    from rosidl_py_gen.security.keystore import locked
+    from rosidl_py_gen.security import locked
 
     keystore = _keystore(root)
     keystore.require()
@@ -88,7 +87,7 @@ def create_enclave(root: Path, name: str, as_json: bool) -> None:
     \b
     rosidl-py security create_enclave keystore /talker
     """
-    from rosidl_py_gen.security.policy import check_enclave_name, wildcard_enclave
+    from rosidl_py_gen.security import check_enclave_name, wildcard_enclave
 
     check_enclave_name(name)
     domain_id = _domain_id()
@@ -136,7 +135,7 @@ def create_permission(root: Path, name: str, policy_file: str, as_json: bool) ->
     rosidl-py security create_permission keystore /talker policy.xml
     """
     from rosidl_py_gen.base.names import did_you_mean
-    from rosidl_py_gen.security.policy import check_enclave_name, read_policy
+    from rosidl_py_gen.security import check_enclave_name, read_policy
 
     check_enclave_name(name)
     domain_id = _domain_id()
@@ -207,7 +206,7 @@ def _wanted_enclaves(names: Sequence[str], policy_files: Sequence[str]) -> dict[
 
     For other enclaves in `names`, the rules allow everything.
     """
-    from rosidl_py_gen.security.policy import check_enclave_name, read_policy, wildcard_enclave
+    from rosidl_py_gen.security import check_enclave_name, read_policy, wildcard_enclave
 
     for name in names:
         check_enclave_name(name)
@@ -239,8 +238,7 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     """
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
-    from rosidl_py_gen.security.keystore import write_file
-    from rosidl_py_gen.security.policy import VERSION, policy_text, read_policy
+    from rosidl_py_gen.security import VERSION, policy_text, read_policy, write_file
 
     path = os.path.realpath(policy_file)
     if os.path.lexists(path):
@@ -264,7 +262,7 @@ def _add_node(root: XmlElement, node: Node, other: NodeInfo) -> bool:
     """Add a profile of another node to a policy; returns False, with a note, if ROS does not allow its names."""
     from rosidl_py_gen.errors import InvalidNameError
     from rosidl_py_gen.runtime import validate_namespace, validate_node_name
-    from rosidl_py_gen.security.policy import check_enclave_name
+    from rosidl_py_gen.security import check_enclave_name
 
     try:
         check_enclave_name(other.enclave)
@@ -317,7 +315,7 @@ def _profile(root: XmlElement, node: NodeInfo) -> XmlElement:
 
 def _add_rule(profile: XmlElement, kind: str, attribute: str, names: Iterable[str]) -> None:
     from rosidl_py_gen.base.xml_reader import XmlElement
-    from rosidl_py_gen.security.policy import ALLOW, RULES
+    from rosidl_py_gen.security import ALLOW, RULES
 
     rule = _child(profile, kind, {attribute: ALLOW})
     tag, _ = RULES[kind]

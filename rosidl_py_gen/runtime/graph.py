@@ -56,7 +56,7 @@ def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple
 
     The result is empty if none has it.
     """
-    from rosidl_py_gen.type_loading.from_description import distributions_with
+    from rosidl_py_gen.type_loading import distributions_with
 
     try:
         if peer.type_hash and own.type_hash:

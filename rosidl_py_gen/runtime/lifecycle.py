@@ -330,7 +330,7 @@ def _transition_event_class() -> type[Any]:
     """Return the class of lifecycle_msgs/TransitionEvent in the selected distribution; Lyrical's has a ``stamp``."""
     distro = selected().name
     if distro != DEFAULT_DISTRO:
-        from rosidl_py_gen.type_loading.class_lookup import distribution_definitions
+        from rosidl_py_gen.type_loading import distribution_definitions
 
         for definition in distribution_definitions(msg.TransitionEvent._TYPE.name):
             if distro in definition.distributions and definition.type_hash != msg.TransitionEvent._TYPE.hash:

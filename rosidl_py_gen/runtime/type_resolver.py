@@ -41,7 +41,7 @@ from rosidl_py_gen.runtime.type_descriptions import (
     provider_participants,
     request_type_description,
 )
-from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES, load_description, store_description
+from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES, load_description, store_description
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names import NodeNames
     from rosidl_py_gen.runtime.type_descriptions import TypeAnnouncement, TypeQuery
-    from rosidl_py_gen.type_loading.class_lookup import HashPredicate, SearchFolders
+    from rosidl_py_gen.type_loading import HashPredicate, SearchFolders
 
 ANSWER_TIMEOUT_S = 3.0
 """Maximum time in seconds to wait for a node's type description before the next node is requested."""
@@ -195,7 +195,7 @@ class TypeResolver:
         return matches
 
     async def _find_local(self, announcement: TypeAnnouncement, matches: HashPredicate) -> type[Any] | None:
-        from rosidl_py_gen.type_loading.class_lookup import find_class
+        from rosidl_py_gen.type_loading import find_class
 
         return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._path)
 
@@ -206,8 +206,7 @@ class TypeResolver:
             TypeNotFoundError: there is no local definition, or no local definition with the hash that the caller
                 passed.
         """
-        from rosidl_py_gen.type_loading.class_lookup import find_named_class
-        from rosidl_py_gen.type_loading.from_description import find_class_of
+        from rosidl_py_gen.type_loading import find_class_of, find_named_class
 
         name, path = announcement.type_name, self._path
         reason = f"the nodes of {self._subject} announce no hash for {name}, as those of ROS 2 Humble do"
@@ -268,7 +267,7 @@ class TypeResolver:
             return await self._fetch_class(await self._wait_for_announcement())
 
     async def _fetch_class(self, announcement: TypeAnnouncement) -> type[Any]:
-        from rosidl_py_gen.type_loading.from_description import compile_described, described_hashes
+        from rosidl_py_gen.type_loading import compile_described, described_hashes
 
         name, is_service = announcement.type_name, self._query.kind == "service"
         wanted_hash = self._wanted_hash

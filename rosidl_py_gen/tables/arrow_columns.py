@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags import BagError
 from rosidl_py_gen.base.field_columns import MAX_COLUMNS, VARIABLE_LENGTH, is_time
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.common import BagTopic
+    from rosidl_py_gen.bags import BagTopic
     from rosidl_py_gen.cdr.message import Field
 
     Array = NDArray[Any]

@@ -35,9 +35,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
-from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
-from rosidl_py_gen.bags.remote import unreachable_as_error
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, DamagedPart, unreachable_as_error
 from rosidl_py_gen.base.distributions import distribution_of_command
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message

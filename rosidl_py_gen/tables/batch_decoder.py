@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags import BagError
 from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError
 from rosidl_py_gen.cdr.layout import (

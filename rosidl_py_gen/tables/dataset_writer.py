@@ -19,9 +19,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 from uuid import uuid4
 
-from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.remote import has_colons_in_names, is_url, unreachable_as_error
-from rosidl_py_gen.bags.storage.storage_api import MessageBlock
+from rosidl_py_gen.bags import BagError, MessageBlock, has_colons_in_names, is_url, unreachable_as_error
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.cdr.type_queries import referenced_classes

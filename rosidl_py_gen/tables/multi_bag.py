@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
-from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
+from rosidl_py_gen.bags import BagError, BagWarning, DamagedPart, is_url, unreachable_as_error
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.bag_tasks import (

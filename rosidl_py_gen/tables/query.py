@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 from uuid import uuid4
 
-from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
+from rosidl_py_gen.bags import BagError, is_url, unreachable_as_error
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import escape_json

@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.definition_lookup import described
-from rosidl_py_gen.bags.storage.storage_api import MessageBlock
+from rosidl_py_gen.bags import BagError, MessageBlock, described
 from rosidl_py_gen.cdr.arrays import DTYPES
 from rosidl_py_gen.cdr.layout import MAX_ALIGN, NETWORK_ALIGN, align_up
 from rosidl_py_gen.errors import RosidlError
@@ -40,9 +38,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.bags.common import BagMessage, BagTopic
-    from rosidl_py_gen.bags.storage.storage_api import BagChannel, RawTuple, TableInput
+    from rosidl_py_gen.bags import BagChannel, BagMessage, BagReader, BagTopic, RawTuple, TableInput
     from rosidl_py_gen.tables.arrow_columns import ColumnNode, SelectedColumn
 
     Times = NDArray[np.uint64]

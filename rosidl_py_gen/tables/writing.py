@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
-from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags import BagError, BagTopic
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import EncodeError, RosidlError, printable

@@ -3,15 +3,6 @@
 Transforms and errors are the same as in tf2.
 """
 
-from rosidl_py_gen.tf.buffer import StaticTransformBroadcaster as StaticTransformBroadcaster
-from rosidl_py_gen.tf.buffer import TransformBroadcaster as TransformBroadcaster
-from rosidl_py_gen.tf.buffer import TransformBuffer as TransformBuffer
-from rosidl_py_gen.tf.buffer import TransformFilter as TransformFilter
-from rosidl_py_gen.tf.frame_tree import ConnectivityError as ConnectivityError
-from rosidl_py_gen.tf.frame_tree import ExtrapolationError as ExtrapolationError
-from rosidl_py_gen.tf.frame_tree import FrameInfo as FrameInfo
-from rosidl_py_gen.tf.frame_tree import InvalidTransformError as InvalidTransformError
-from rosidl_py_gen.tf.frame_tree import TransformError as TransformError
-from rosidl_py_gen.tf.frame_tree import TransformTimeoutError as TransformTimeoutError
-from rosidl_py_gen.tf.frame_tree import UnknownFrameError as UnknownFrameError
-from rosidl_py_gen.tf.transform import Transform as Transform
+from rosidl_py_gen.cdr.lazy import stub_exports
+
+__getattr__, __dir__, __all__ = stub_exports(__name__)

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters, blocking
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.message_filters.filters import (
+from rosidl_py_gen.message_filters import (
     MessageFilter,
     NoNodeScope,
     call_all,

@@ -14,15 +14,14 @@ import numpy as np
 
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.message_filters.filters import header_stamp
-from rosidl_py_gen.numpy import ConversionError, pointcloud_to_array, quaternion_to_matrix
-from rosidl_py_gen.numpy.common import flat_bytes, message_class
+from rosidl_py_gen.message_filters import header_stamp
+from rosidl_py_gen.numpy import ConversionError, flat_bytes, message_class, pointcloud_to_array, quaternion_to_matrix
 from rosidl_py_gen.tf.frame_tree import product, without_slash
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.numpy.common import M
+    from rosidl_py_gen.numpy import M
 
 T = TypeVar("T")
 Array = np.ndarray[Any, np.dtype[np.float64]]

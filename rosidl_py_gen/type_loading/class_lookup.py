@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from importlib.machinery import ModuleSpec
 
-    from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry
 
 T = TypeVar("T")
 SearchFolders: TypeAlias = "Sequence[str | os.PathLike[str]] | str | os.PathLike[str]"
@@ -119,9 +119,7 @@ def registry_of_text(name: str, text: str) -> InterfaceRegistry:
 
     Arguments and errors are as for `compile_definition`.
     """
-    from rosidl_py_gen.compiler.frontend.model import SourceText
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath, SourceText, check, raise_diagnostics
 
     if not isinstance(text, str):
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
@@ -147,7 +145,7 @@ def _text_owner(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
     The text for a derived type (``X_Event``, ``A_FeedbackMessage``) is either the text of the service or action, or the
     text of the derived message. The number of separators shows which.
     """
-    from rosidl_py_gen.compiler.frontend.interface_parser import separators
+    from rosidl_py_gen.compiler.frontend import separators
 
     if is_idl:
         return name, "idl"
@@ -394,7 +392,7 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
     """Return True if the definition of a class of the default distribution is the same in the distribution `distro`."""
     if distro == DEFAULT:
         return True
-    from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces
+    from rosidl_py_gen.compiler.frontend import changed_interfaces
 
     used = map(split_ros_name, (cls._TYPE.name, *referenced_classes(cls)))
     changed = changed_interfaces(distro)
@@ -429,8 +427,7 @@ def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegi
 
     The registry is cached, so later changes of the files have no effect.
     """
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path
 
     key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), selected(distro))
     if key not in _registries:
@@ -443,7 +440,7 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
 
     Returns None if the interface does not exist or its definition has errors.
     """
-    from rosidl_py_gen.compiler.frontend.registry import read_checked
+    from rosidl_py_gen.compiler.frontend import read_checked
 
     with _lock:
         registry = _registry(())
@@ -458,7 +455,7 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
 
 
 def _from_definitions(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type:
-    from rosidl_py_gen.compiler.frontend.registry import read_checked
+    from rosidl_py_gen.compiler.frontend import read_checked
 
     registry = _registry(path, choice.name if choice.is_explicit else None)
     if choice.is_explicit:
@@ -484,8 +481,8 @@ def load_compiler() -> None:
 
     import numpy  # noqa: F401
 
-    from rosidl_py_gen.compiler.codegen.module_sources import preload
-    from rosidl_py_gen.compiler.frontend.registry import read_checked  # noqa: F401
+    from rosidl_py_gen.compiler.codegen import preload
+    from rosidl_py_gen.compiler.frontend import read_checked  # noqa: F401
 
     preload()
 
@@ -494,7 +491,7 @@ def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> typ
     cls = find(registry, name)
     if cls is not None:  # the compiler is not needed
         return cls
-    from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen import LayoutPlanner
 
     planner = LayoutPlanner(registry.message)
 
@@ -534,8 +531,8 @@ def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> 
 def _compile(
     registry: InterfaceRegistry, name: RosName, planner: LayoutPlanner, get_class: Callable[[RosName], type]
 ) -> type:
-    from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, module_source
-    from rosidl_py_gen.compiler.frontend.model import messages_of
+    from rosidl_py_gen.compiler.codegen import Target, module_path, module_source
+    from rosidl_py_gen.compiler.frontend import messages_of
 
     global _compilations
     _compilations += 1

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rosidl_py_gen.base.descriptions import Description
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 _EVENT = "_Event"
@@ -52,7 +52,7 @@ _EXPORTS = re.compile(r"__all__ = \[([^\]]*)\]")
 def _registry(
     name: RosName, individuals: Mapping[str, Description], sources: Mapping[str, tuple[str, str]], is_service: bool
 ) -> InterfaceRegistry:
-    from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
+    from rosidl_py_gen.compiler.frontend import registry_from_descriptions
 
     return registry_from_descriptions(name, individuals, sources, is_service)
 
@@ -102,7 +102,7 @@ def definition_text(cls: type[Any]) -> str:
     it is made from the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
     `TypeNotFoundError` if that is not on the search path.
     """
-    from rosidl_py_gen.compiler.frontend.definition_text import full_text
+    from rosidl_py_gen.compiler.frontend import full_text
 
     name = split_ros_name(type_name(cls))
     registry = registry_of(name)

@@ -228,7 +228,7 @@ class _Finder(Loader):
         override_installed: bool,
         choice: DistributionChoice,
     ) -> None:
-        from rosidl_py_gen.compiler.frontend.search_path import Workspace, workspace_around
+        from rosidl_py_gen.compiler.frontend import Workspace, workspace_around
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
         from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 

@@ -18,9 +18,8 @@ from rosidl_py_gen.type_loading.class_lookup import get_named_class
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
 
 _SERVICE_SUFFIXES = ("", "_Request", "_Response", "_Event")
 _SUFFIXES = {
@@ -123,9 +122,8 @@ class Interfaces:
         return self._digests[interface]
 
     def _compiled(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
-        from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
-        from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, module_source
-        from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
+        from rosidl_py_gen.compiler.codegen import LayoutPlanner, Target, module_path, module_source
+        from rosidl_py_gen.compiler.frontend import InterfaceRegistry, read_checked
 
         if self._registry is None or self._planner is None:
             self._registry = InterfaceRegistry(self.search)

@@ -18,8 +18,16 @@ from typing import Any
 from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.frontend.package_files import note, recorded, stamp
-from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath, Workspace, holds_packages, scan_search_path
+from rosidl_py_gen.compiler.frontend import (
+    Package,
+    SearchPath,
+    Workspace,
+    holds_packages,
+    note,
+    recorded,
+    scan_search_path,
+    stamp,
+)
 from rosidl_py_gen.errors import Diagnostic
 from rosidl_py_gen.type_loading import disk_cache
 

@@ -20,8 +20,7 @@ from pathlib import Path
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
-from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_files import PackageBudget, UnreadableError, read_text
+from rosidl_py_gen.compiler.frontend import UNKNOWN, CMakeScript, PackageBudget, UnreadableError, inside, read_text
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.type_loading.disk_cache import cached_folder
 from rosidl_py_gen.type_loading.setup_reader.setup_files import SetupFilesError, read_setup_files

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.base.xml_reader import read_xml
-from rosidl_py_gen.compiler.frontend.search_path import BUNDLED, INSTALLED
+from rosidl_py_gen.compiler.frontend import BUNDLED, INSTALLED
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from rosidl_py_gen.base.xml_reader import XmlElement
-    from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
+    from rosidl_py_gen.compiler.frontend import Package, SearchPath
 
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
 _EARLIEST = (1980, 1, 1, 0, 0, 0)

@@ -28,7 +28,7 @@ from rosidl_py_gen.wheels.build import build
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
 _MAX_OUTPUT_CHARS = 2000
 """Maximum number of characters of a failed installer's output that an error text quotes."""

@@ -61,7 +61,7 @@ def convert(
     rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
-    from rosidl_py_gen.bags.rewriting import find_all_channels, omission_lines
+    from rosidl_py_gen.bags import find_all_channels, omission_lines
     from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag, select_part
 
     with opened_bag(path, search_path=paths) as reader:
@@ -134,7 +134,7 @@ def copy_bag(
     Returns:
         Number of copied messages, and numbers of items that the storage of the new bag cannot contain, by kind of item.
     """
-    from rosidl_py_gen.bags.rewriting import BagCopy
+    from rosidl_py_gen.bags import BagCopy
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
     copy = BagCopy([reader], writer)
@@ -173,7 +173,7 @@ def reindex(path: str, as_json: bool) -> int:
     rosidl-py bag reindex my_bag
     rosidl-py bag reindex my_bag/my_bag_3.mcap
     """
-    from rosidl_py_gen.bags.rewriting import omission_lines, reindex_file, reindex_folder
+    from rosidl_py_gen.bags import omission_lines, reindex_file, reindex_folder
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, damaged_rows
 
     location = Path(path)

@@ -213,8 +213,7 @@ def images(
 
 def _picture(message: Any, kind: str, quality: int) -> tuple[bytes, str]:
     """Return the contents and the suffix of a picture file for an image message; raises `ConversionError`."""
-    from rosidl_py_gen.numpy import array_to_compressedimage, image_to_array
-    from rosidl_py_gen.numpy.common import reads_message
+    from rosidl_py_gen.numpy import array_to_compressedimage, image_to_array, reads_message
 
     if message._TYPE.name == COMPRESSED:
         return reads_message("a sensor_msgs/msg/CompressedImage")(_recorded_picture)(message)
@@ -227,8 +226,7 @@ def _recorded_picture(message: Any) -> tuple[bytes, str]:
 
     Raises `ConversionError` if the bytes are not a picture, or break off.
     """
-    from rosidl_py_gen.numpy import ConversionError
-    from rosidl_py_gen.numpy.common import flat_bytes
+    from rosidl_py_gen.numpy import ConversionError, flat_bytes
 
     data = flat_bytes(message.data, "data").tobytes()
     encoding, _, how = message.format.partition(";")

@@ -58,7 +58,7 @@ def _with_counts(reader: BagReader) -> list[BagTopic]:
 
 
 def _document(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
-    from rosidl_py_gen.bags.metadata import qos_profiles
+    from rosidl_py_gen.bags import qos_profiles
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows
 
     channels = _with_counts(reader)

@@ -67,7 +67,7 @@ def merge(
     rosidl-py bag merge both robot.mcap laptop.mcap --offset laptop.mcap=-1.25
     """
     shifts = _offsets_ns(bags, offsets)
-    from rosidl_py_gen.bags.rewriting import find_all_channels, has_attachments, omission_lines
+    from rosidl_py_gen.bags import find_all_channels, has_attachments, omission_lines
     from rosidl_py_gen.ros_cli.bag.convert import new_bag
     from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag
 
@@ -143,7 +143,7 @@ def _merge(
 
     Returns the number of messages, and numbers of things that the merged bag cannot store, by kind.
     """
-    from rosidl_py_gen.bags.rewriting import BagCopy
+    from rosidl_py_gen.bags import BagCopy
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
     copy = BagCopy(readers, writer)

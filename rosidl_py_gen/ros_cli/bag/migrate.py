@@ -104,7 +104,7 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags.rewriting import find_all_channels, omission_lines
+    from rosidl_py_gen.bags import find_all_channels, omission_lines
     from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part
@@ -147,8 +147,7 @@ def migrate(
 
 class _NewDefinitions:
     def __init__(self, paths: Sequence[str]) -> None:
-        from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-        from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+        from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path
 
         self._paths = tuple(paths)
         self._search = scan_search_path(self._paths)
@@ -159,8 +158,7 @@ class _NewDefinitions:
         unchanged.
         """
         from rosidl_py_gen import get_message
-        from rosidl_py_gen.compiler.frontend.definition_text import full_text
-        from rosidl_py_gen.compiler.frontend.registry import read_checked
+        from rosidl_py_gen.compiler.frontend import full_text, read_checked
 
         try:
             owner = read_checked(self._library, split_ros_name(name))
@@ -194,7 +192,7 @@ def _plan_topics(
 
 def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, rules: MigrationRules) -> _Topic:
     from rosidl_py_gen import type_hash
-    from rosidl_py_gen.bags.definition_lookup import described
+    from rosidl_py_gen.bags import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
     from rosidl_py_gen.compiler.migration import fields_of, message_converter, plan
     from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch

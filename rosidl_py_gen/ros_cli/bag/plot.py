@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.plotting.output import require_output, show_plot
+from rosidl_py_gen.plotting import require_output, show_plot
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.plotting.lines import PlotPanel
+    from rosidl_py_gen.plotting import PlotPanel
 
 
 @click.command("plot")
@@ -56,7 +56,7 @@ def plot(
     rosidl-py bag plot drive /imu linear_acceleration.x /odom twist.twist.linear.x --out drive.svg
     """
     require_output(out, in_terminal)
-    from rosidl_py_gen.plotting.lines import TimeAxis, topics_and_fields
+    from rosidl_py_gen.plotting import TimeAxis, topics_and_fields
     from rosidl_py_gen.ros_cli.bag.reading import opened_bag
 
     with ExitStack() as stack:
@@ -82,7 +82,7 @@ def _is_bag(word: str, first: BagReader) -> bool:
     """Return True if an argument after the first bag is a further bag: a URL, or a path that exists and is
     not a topic.
     """
-    from rosidl_py_gen.bags.remote import is_url
+    from rosidl_py_gen.bags import is_url
 
     return is_url(word) or (word not in first.topics and os.path.exists(word))
 
@@ -101,7 +101,7 @@ def _panels(
     skips: bool,
 ) -> list[PlotPanel]:
     """Return a plot panel for each topic, filled with fields of messages from one bag, which is read once."""
-    from rosidl_py_gen.plotting.lines import PlotPanel, TopicLines
+    from rosidl_py_gen.plotting import PlotPanel, TopicLines
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, select_part
 
     part = select_part(bag, [name for name, _ in topics], offset_s, duration_s)

@@ -15,7 +15,7 @@ from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from rosidl_py_gen.bags.definition_lookup import described, has_definition, mismatch_reason
+from rosidl_py_gen.bags import described, has_definition, mismatch_reason
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -25,8 +25,7 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, DamagedPart
-    from rosidl_py_gen.bags.definition_lookup import TopicDefinition
+    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, DamagedPart, TopicDefinition
 
 T = TypeVar("T")
 

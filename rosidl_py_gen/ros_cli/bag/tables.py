@@ -17,8 +17,7 @@ from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.tables import DatasetsReport
-    from rosidl_py_gen.tables.query import Result
+    from rosidl_py_gen.tables import DatasetsReport, Result
 
 
 @click.command("table", cls=options.MultiValueCommand)
@@ -171,8 +170,7 @@ def sql(
     import gc
 
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
-    from rosidl_py_gen.tables.multi_bag import names_of
-    from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
+    from rosidl_py_gen.tables import Database, is_dataset, names_of, topics_in
 
     query, bags = _query_and_bags(words)
     if as_json and form not in (None, "json"):
@@ -215,15 +213,14 @@ def _query_and_bags(words: Sequence[str]) -> tuple[str, Sequence[str]]:
 
 
 def _is_query(word: str) -> bool:
-    from rosidl_py_gen.bags.remote import is_url
+    from rosidl_py_gen.bags import is_url
 
     return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
 
 
 def _expanded(bags: Iterable[str]) -> Iterator[str]:
-    from rosidl_py_gen.bags import BagError
-    from rosidl_py_gen.bags.remote import is_url
-    from rosidl_py_gen.tables.multi_bag import find_bags
+    from rosidl_py_gen.bags import BagError, is_url
+    from rosidl_py_gen.tables import find_bags
 
     for bag in bags:
         if not is_url(bag) and os.path.exists(bag):

@@ -69,7 +69,7 @@ def video(
     rosidl-py bag video drive front.mp4 --topic /front/image_raw/compressed --fps 10 --start-offset 60 --duration 20
     """
     require_modules("av")
-    from rosidl_py_gen.bags.common import partial_path, written_durably
+    from rosidl_py_gen.bags import partial_path, written_durably
     from rosidl_py_gen.ros_cli.bag.images import ImageMessages
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.video_file import VideoFile

@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend import scan_search_path
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
-from rosidl_py_gen.type_loading.disk_cache import KINDS as CACHE_KINDS
-from rosidl_py_gen.type_loading.disk_cache import VARIABLE, cache_home, cache_problem
+from rosidl_py_gen.type_loading import KINDS as CACHE_KINDS
+from rosidl_py_gen.type_loading import VARIABLE, cache_home, cache_problem
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -13,7 +13,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_service, type_hash
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags import qos_profiles
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service

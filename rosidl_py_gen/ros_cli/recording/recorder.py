@@ -15,9 +15,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
-from rosidl_py_gen.bags import BagTopic
-from rosidl_py_gen.bags.metadata import qos_text
-from rosidl_py_gen.bags.writer import topic_of
+from rosidl_py_gen.bags import BagTopic, qos_text, topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
@@ -32,7 +30,7 @@ from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.options import compile_pattern
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import AdaptiveSubscription, SecurityError, validate_full_name
-from rosidl_py_gen.type_loading.from_description import definition_text
+from rosidl_py_gen.type_loading import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -13,8 +13,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.tf import InvalidTransformError, TransformBuffer, TransformError
-from rosidl_py_gen.tf.frame_tree import without_slash
+from rosidl_py_gen.tf import InvalidTransformError, TransformBuffer, TransformError, without_slash
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

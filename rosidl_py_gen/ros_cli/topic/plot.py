@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.plotting.output import count_text, live_plot, plot_window, print_plot, require_output, show_plot
+from rosidl_py_gen.plotting import count_text, live_plot, plot_window, print_plot, require_output, show_plot
 from rosidl_py_gen.ros_cli import options
 from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.command_support.command_node import CommandNode
-    from rosidl_py_gen.plotting.lines import TimeAxis, TopicLines
+    from rosidl_py_gen.plotting import TimeAxis, TopicLines
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
 _WINDOW_INTERVAL_S = 0.05
@@ -62,7 +62,7 @@ async def plot(
     """
     require_output(out, in_terminal)
     from rosidl_py_gen.command_support import graph_lookup
-    from rosidl_py_gen.plotting.lines import PlotPanel, TimeAxis, TopicLines, topics_and_fields
+    from rosidl_py_gen.plotting import PlotPanel, TimeAxis, TopicLines, topics_and_fields
     from rosidl_py_gen.runtime import AdaptiveSubscription
     from rosidl_py_gen.runtime import qos as presets
 

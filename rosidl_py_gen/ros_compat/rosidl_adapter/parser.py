@@ -15,7 +15,7 @@ from typing import TypedDict, TypeVar
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, FieldType
 from rosidl_py_gen.base.names import is_constant_name, is_interface_name, is_package_name
-from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, file_scalar, split_strings
+from rosidl_py_gen.compiler.frontend import LiteralProblem, file_scalar, split_strings
 
 PACKAGE_NAME_MESSAGE_TYPE_SEPARATOR = "/"
 COMMENT_DELIMITER = "#"

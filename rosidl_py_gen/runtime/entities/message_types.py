@@ -429,8 +429,7 @@ class TypeHashFilter(Generic[W]):
         call.
         """
         if self._other_hashes is None:
-            from rosidl_py_gen.type_loading.class_lookup import find_class
-            from rosidl_py_gen.type_loading.from_description import other_hashes
+            from rosidl_py_gen.type_loading import find_class, other_hashes
 
             name, type_hash = self._type.ros_name, self._type.type_hash
             cls = class_of(name, type_hash)
@@ -451,7 +450,7 @@ class TypeHashFilter(Generic[W]):
         """Return True if data has the size of a message of the type, with the definition in use or the definition of a
         distribution.
         """
-        from rosidl_py_gen.type_loading.from_description import class_in, fits_exactly
+        from rosidl_py_gen.type_loading import class_in, fits_exactly
 
         assert self._cls is not None
         try:

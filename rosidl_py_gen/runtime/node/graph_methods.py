@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.graph import Graph, Mismatch, NamesAndTypes, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.type_descriptions import TypeQuery
-    from rosidl_py_gen.type_loading.class_lookup import SearchFolders
+    from rosidl_py_gen.type_loading import SearchFolders
 
 
 class GraphMethods(NodeBase):

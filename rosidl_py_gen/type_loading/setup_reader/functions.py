@@ -16,7 +16,7 @@ from pathlib import PurePosixPath
 from string import Formatter
 from typing import Any, NamedTuple
 
-from rosidl_py_gen.compiler.frontend.package_files import BudgetError, PackageBudget, UnreadableError
+from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget, UnreadableError
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PATTERN_WORK, PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.values import (
     Bound,

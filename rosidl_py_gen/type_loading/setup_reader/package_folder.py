@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH, PackageBudget, note, read_text
+from rosidl_py_gen.compiler.frontend import MAX_FOLDER_DEPTH, PackageBudget, note, read_text
 from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
 
 _MAGIC = re.compile(r"[*?[]")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen.base.project import parse_toml
-from rosidl_py_gen.compiler.frontend.package_files import BudgetError, PackageBudget, UnreadableError, note, read_text
+from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget, UnreadableError, note, read_text
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, SetupSyntaxError, read_setup_py

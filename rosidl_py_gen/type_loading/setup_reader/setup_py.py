@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from rosidl_py_gen.compiler.frontend.package_files import BudgetError, PackageBudget
+from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.functions import (
     HARMLESS_MODULES,

@@ -16,7 +16,7 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     import ast
 
-    from rosidl_py_gen.compiler.frontend.package_files import PackageBudget
+    from rosidl_py_gen.compiler.frontend import PackageBudget
 
 PLAIN_TYPES = (str, int, float, type(None), range, PurePosixPath)
 """Python types of values in setup.py that have no parts and never change."""

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from rosidl_py_gen.compiler.frontend.package_files import PackageBudget
+from rosidl_py_gen.compiler.frontend import PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.functions import (
     HARMLESS_BUILTINS,
