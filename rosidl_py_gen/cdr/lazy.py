@@ -1,8 +1,8 @@
 """Packages whose modules load when a name is first used (PEP 562), so that importing `sensor_msgs.msg` is cheap.
 
 The names come from a mapping, in generated packages, or from the package's stub file, which type checkers read as
-well: `from MODULE import NAME as NAME`, one on each line. Names below the first comment of a stub file are for other
-packages of rosidl_py_gen, and not public.
+well: `from MODULE import NAME as NAME`, one name for each import. Names below the first comment of a stub file are for
+other packages of rosidl_py_gen, and not public.
 
 Thread: any. The import system makes threads wait for a module that another one imports, so all get the same object.
 """
@@ -39,7 +39,8 @@ def stub_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
 
 def _homes(stub: str) -> dict[str, str]:
     """Return the modules of the names that a part of a stub file imports."""
-    return {words[3]: words[1] for words in map(str.split, stub.splitlines()) if words[:1] == ["from"]}
+    lines = stub.replace("(\n", "").splitlines()  # a long name stands on a line of its own, in parentheses
+    return {words[3]: words[1] for words in map(str.split, lines) if words[:1] == ["from"]}
 
 
 def _exports(
