@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import re
 import subprocess
 import sys
@@ -173,6 +174,8 @@ return [...document.querySelectorAll(texts)]
         return [element.innerText.slice(0, 40), (high + 0.05) / (low + 0.05)];
     });
 """
+_REPOSITORY = "https://git.example/robots/rosidl-py-gen"
+"""Address that the workflow `docs.yml` would give."""
 _OVERFLOW = "return document.documentElement.scrollWidth - window.innerWidth"
 
 
@@ -182,7 +185,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     # Not --quiet: the warnings that it silences are those that --strict counts.
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=ROOT, env=os.environ | {"REPOSITORY_URL": _REPOSITORY}, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -303,6 +308,11 @@ def test_cheat_sheet_is_printed_on_two_sheets_without_cut_columns(reader: Browse
     with reader.printing():
         wide = "document.querySelectorAll('.cheat-sheet .md-typeset__table')"
         assert reader.run(f"return [...{wide}].every(table => table.scrollWidth <= table.clientWidth + 1)")
+
+
+def test_header_links_to_the_repository(reader: Browser, address: str) -> None:
+    reader.open(address)
+    assert _REPOSITORY in reader.run("return [...document.querySelectorAll('.md-header a')].map((link) => link.href)")
 
 
 def test_footer_shows_version_and_licence(reader: Browser, address: str) -> None:

@@ -152,6 +152,7 @@ cancel.wait_for_service(10)
 done(cancel.call_async(CancelGoal.Request(goal_info=GoalInfo(goal_id=UUID(uuid=[7] * 16)))))
 done(cancel.call_async(CancelGoal.Request()))
 goal(7, goal_uuid=UUID(uuid=[8] * 16)).accepted
+spin(lambda: held[-1].goal_id.uuid[0] == 8)  # the server accepts a goal before it calls the function for it
 ServerGoalHandle(s, GoalInfo(goal_id=UUID(uuid=[8] * 16)), Fibonacci.Goal())  # text
 (held[-1].destroy(), held[-1].status, held[-1].is_active, held[-1].succeed())
 done(cancel.call_async(CancelGoal.Request(goal_info=GoalInfo(goal_id=UUID(uuid=[8] * 16)))))
