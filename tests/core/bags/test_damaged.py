@@ -56,11 +56,10 @@ def test_chunk_that_decompresses_beyond_the_limit_is_refused(tmp_path: Path, has
 def test_compressed_message_without_stated_size_is_read_with_little_memory(tmp_path: Path) -> None:
     with SqliteWriter(tmp_path / "bag", compression_mode="message") as writer:
         writer.add_topic("/a", BagTopic("/a", *STRING))
-        writer.write("/a", String(data="a").encode(), 1)
-    [file] = (tmp_path / "bag").glob("*.db3")
+        writer.write("/a", b"", 1)
     data = ZstdCompressor(write_content_size=False).compress(String(data="a").encode())
-    with contextlib.closing(sqlite3.connect(file)) as database, database:
-        database.execute("UPDATE messages SET data = ?", [data])
+    with contextlib.closing(sqlite3.connect(tmp_path / "bag" / "bag_0.db3", isolation_level=None)) as base:
+        base.execute("update messages set data = ?", (data,))
     with memory_limit(1 << 27):  # not the gigabyte that a message may have
         assert [one.message.data for one in read(tmp_path / "bag")] == ["a"]
 

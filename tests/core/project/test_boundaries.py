@@ -6,6 +6,7 @@ import ast
 import functools
 import re
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -242,6 +243,18 @@ def test_third_party_imports_are_listed_in_import_contract() -> None:
         for package in module.imported - (known | of_rclpy if is_in(name, ("ros_compat",)) else known)
     }
     assert wrong == set()
+
+
+@pytest.mark.parametrize("stub", sorted(PACKAGE.rglob("__init__.pyi")), ids=lambda stub: stub.parent.name)
+def test_every_name_of_a_stub_can_be_imported(stub: Path) -> None:
+    package = import_module(".".join(stub.parent.relative_to(ROOT).parts))
+    text = stub.read_text(encoding="utf-8")
+    names, public = (
+        [one.names[0].name for one in ast.parse(part).body if isinstance(one, ast.ImportFrom)]
+        for part in (text, text.partition("# isort: split")[0])
+    )
+    assert names and [name for name in names if not hasattr(package, name)] == []
+    assert package.__all__ == sorted(public) and set(dir(package)).issuperset(public)
 
 
 def test_modules_do_not_use_private_names_of_other_modules() -> None:
