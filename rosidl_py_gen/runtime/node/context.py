@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.distributions import command_distribution
 from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
+from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -28,6 +29,7 @@ from rosidl_py_gen.runtime.loop.shared_loop import LoopRunner
 from rosidl_py_gen.runtime.names import validate_enclave
 from rosidl_py_gen.runtime.node.settings import DDS, ZENOH, find_security, middleware, parse_arguments, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
+from rosidl_py_gen.runtime.transport.api import BackendMissingError
 from rosidl_py_gen.runtime.transport.flow_control import RequestWindows
 from rosidl_py_gen.runtime.transport.latch import Latch
 
@@ -241,8 +243,15 @@ def resolve_transport(transport: Transport | str | None) -> Transport:
 
         return CycloneTransport()
     if name == ZENOH:
-        from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohTransport
-
+        try:
+            from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohTransport
+        except ImportError as error:
+            raise BackendMissingError(
+                "nodes on Zenoh need two more packages. Wheels of eclipse-zenoh exist for "
+                "CPython 3.9 and later on Linux (x86-64, ARM; glibc), macOS and Windows (x86-64). "
+                f"The import failed with: {error}. To install them: {install_command('zenoh')}",
+                name=error.name,
+            ) from error
         return ZenohTransport()
     if isinstance(name, (str, type)) or not callable(getattr(name, "open", None)):
         raise TypeError(

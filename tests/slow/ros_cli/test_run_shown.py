@@ -30,7 +30,7 @@ from std_srvs.srv import Empty
 MAIN = threading.main_thread().ident
 
 
-WANTED = {"loop_runner.py", "client.py"} if sys.argv[1] == "callback" else {"loop_runner.py"}
+WANTED = {"shared_loop.py", "client.py"} if sys.argv[1] == "callback" else {"shared_loop.py"}
 
 
 def interrupt():

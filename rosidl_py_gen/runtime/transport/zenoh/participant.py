@@ -35,12 +35,10 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 import zenoh
 
-from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError, RosidlError, printable
 from rosidl_py_gen.runtime.logs import get_root_logger
 from rosidl_py_gen.runtime.transport.api import (
     SYSTEM_CLOCKS,
-    BackendMissingError,
     DiscoveryEvent,
     DomainSettings,
     EndpointSpec,
@@ -414,17 +412,6 @@ class ZenohParticipant:
                 self.session.close()
             self.ready_sinks.close()
 
-
-try:
-    import zenoh
-
-except ImportError as err:
-    raise BackendMissingError(
-        "nodes on Zenoh need two more packages. Wheels of eclipse-zenoh exist for "
-        "CPython 3.9 and later on Linux (x86-64, ARM; glibc), macOS and Windows (x86-64). "
-        f"The import failed with: {err}. To install them: {install_command('zenoh')}",
-        name=err.name,
-    ) from err
 
 _ROUTER_RETRY_INTERVAL_S = 1.0
 """Interval between two checks for a router, in seconds; the same as in rmw_zenoh_cpp."""

@@ -21,7 +21,7 @@ from support.folders import ROOT
 from support.waiting import until
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
-from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, TransportError
+from rosidl_py_gen.runtime import BackendMissingError, Context, Node, ParameterDescriptor, TransportError
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.node.context import open_contexts
 
@@ -237,6 +237,15 @@ def test_a_broken_cyclonedds_uri_is_quoted_in_the_error(uri: str) -> None:
 
 
 @pytest.mark.slow
+def test_missing_zenoh_package_is_reported_with_its_installation(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [one for one in sys.modules if one.startswith("rosidl_py_gen.runtime.transport.zenoh.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "zenoh", None)
+    with pytest.raises(BackendMissingError, match=r"import of zenoh halted.* To install them: .*zenoh") as caught:
+        Context(transport="zenoh")
+    assert caught.value.name == "zenoh"
+
+
 def test_domain_without_free_participant_index_is_reported(dds: World) -> None:
     from rosidl_py_gen.runtime.transport.cyclone.domain import has_free_index
 
