@@ -500,7 +500,7 @@ class DdscLibrary:
 
     @cached_property
     def unsupported_elements(self) -> frozenset[str]:
-        """Members of `config.OPTIONAL_ELEMENTS` that the library does not know.
+        """Members of `OPTIONAL_ELEMENTS` that the library does not know.
 
         A configuration with one of them makes the creation of a domain fail.
         """
