@@ -25,54 +25,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex, KnownParticipant
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-TypeCheck = Literal["error", "warn", "off"]
-"""Treatment of messages whose sender has another definition.
-
-``error`` drops them. ``warn`` delivers samples of unknown definitions, and drops samples of another ROS distribution,
-whose bytes would be misread. ``off`` delivers all of them without a warning.
-"""
-DEFAULT_CHECK: TypeCheck = "error"
-_KINDS = {"/srv/": "service", "/action/": "action"}
-
-
-def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> TypeCheck:
-    """Return a type hash check mode unchanged, or the default for None; raises `ValueError` for other values."""
-    if mode is None:
-        return default
-    if mode not in get_args(TypeCheck):
-        raise ValueError(f'type_hash_check must be "error", "warn" or "off", got {mode!r:.100}')
-    return mode
-
-
-def type_hashes_differ(endpoint: DiscoveredEndpoint, type_hash: str, service_hash: str = "") -> bool:
-    """Return True if an endpoint announces a type hash that is not among the given hashes."""
-    if endpoint.type_hash and type_hash:
-        return endpoint.type_hash != type_hash
-    return bool(endpoint.service_hash and service_hash) and endpoint.service_hash != service_hash
-
-
-def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple[str, ...]:
-    """Return the distributions that have a peer's definition of a type, if it differs from the own definition.
-
-    The result is empty if none has it.
-    """
-    from rosidl_py_gen.type_loading import distributions_with
-
-    try:
-        if peer.type_hash and own.type_hash:
-            return distributions_with(own.type, own.type_hash, peer.type_hash)
-        return distributions_with(own.service_type or "", own.service_hash, peer.service_hash)
-    except RosidlError:  # a definition cannot be read
-        return ()
-
-
-def distribution_advice(distros: tuple[str, ...], type_name: str) -> str:
-    """Return a text that advises how to use the definition of a type that the given distributions have."""
-    distro = DEFAULT if DEFAULT in distros else distros[0]
-    kind = next((word for part, word in _KINDS.items() if part in type_name), "message")
-    return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_{kind}'
-
-
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
 BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
 _MAX_NAME_CHARS = 600
@@ -396,3 +348,51 @@ def _grouped(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:
     for name, type_name in pairs:
         types_by_name[name].add(type_name)
     return [(name, sorted(types)) for name, types in sorted(types_by_name.items())]
+
+
+TypeCheck = Literal["error", "warn", "off"]
+"""Treatment of messages whose sender has another definition.
+
+``error`` drops them. ``warn`` delivers samples of unknown definitions, and drops samples of another ROS distribution,
+whose bytes would be misread. ``off`` delivers all of them without a warning.
+"""
+DEFAULT_CHECK: TypeCheck = "error"
+_KINDS = {"/srv/": "service", "/action/": "action"}
+
+
+def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> TypeCheck:
+    """Return a type hash check mode unchanged, or the default for None; raises `ValueError` for other values."""
+    if mode is None:
+        return default
+    if mode not in get_args(TypeCheck):
+        raise ValueError(f'type_hash_check must be "error", "warn" or "off", got {mode!r:.100}')
+    return mode
+
+
+def type_hashes_differ(endpoint: DiscoveredEndpoint, type_hash: str, service_hash: str = "") -> bool:
+    """Return True if an endpoint announces a type hash that is not among the given hashes."""
+    if endpoint.type_hash and type_hash:
+        return endpoint.type_hash != type_hash
+    return bool(endpoint.service_hash and service_hash) and endpoint.service_hash != service_hash
+
+
+def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple[str, ...]:
+    """Return the distributions that have a peer's definition of a type, if it differs from the own definition.
+
+    The result is empty if none has it.
+    """
+    from rosidl_py_gen.type_loading import distributions_with
+
+    try:
+        if peer.type_hash and own.type_hash:
+            return distributions_with(own.type, own.type_hash, peer.type_hash)
+        return distributions_with(own.service_type or "", own.service_hash, peer.service_hash)
+    except RosidlError:  # a definition cannot be read
+        return ()
+
+
+def distribution_advice(distros: tuple[str, ...], type_name: str) -> str:
+    """Return a text that advises how to use the definition of a type that the given distributions have."""
+    distro = DEFAULT if DEFAULT in distros else distros[0]
+    kind = next((word for part, word in _KINDS.items() if part in type_name), "message")
+    return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_{kind}'

@@ -56,236 +56,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
     from rosidl_py_gen.runtime.transport.dds.services import SampleIdentity
 
-_Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
-_HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
-_DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
-_RELIABILITY = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
-_LIVELINESS = {Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_TOPIC: 2}
-"""Numbers of the liveliness kinds in Cyclone; other dicts of this module have the numbers of the other policies."""
-_UNLIMITED = -1
-_XCDR1 = (ct.c_int16 * 1)(0)
-
-_MAX_BLOCKING_NS = 0
-"""Maximum blocking time of a write. 0, because the event loop must not block; `Publisher` waits instead.
-
-rmw_cyclonedds has infinity; the value does not influence matching (docs/internals/protocol.md 7.3).
-"""
-
-
-@contextmanager
-def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes, bytes]] = ()) -> Iterator[int]:
-    """Yield a Cyclone QoS object with default policies, with `user_data` as USER_DATA, and with `properties` (pairs of
-    name and value).
-    """
-    qos = api.create_qos()
-    try:
-        if user_data:
-            api.qset_userdata(qos, user_data, len(user_data))
-        for name, value in properties:
-            api.qset_prop(qos, name, value)
-        yield qos
-    finally:
-        api.delete_qos(qos)
-
-
-@contextmanager
-def endpoint_qos(api: CycloneApi, spec: EndpointSpec, *, is_writer: bool) -> Iterator[int]:
-    """Yield a Cyclone QoS object for a writer or reader; `spec.qos` must be a result of `effective`."""
-    profile, history = spec.qos, _HISTORY[spec.qos.history]
-    depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
-    ids = {"client_id": spec.client_id, "service_id": spec.service_id, "service_hash": spec.service_hash}
-    user_data = endpoint_user_data(spec.type_hash, **ids)
-    with new_qos(api, user_data) as qos:
-        api.qset_history(qos, history, depth)
-        api.qset_reliability(qos, _RELIABILITY[profile.reliability], _MAX_BLOCKING_NS)
-        api.qset_durability(qos, _DURABILITY[profile.durability])
-        if profile.durability is Durability.TRANSIENT_LOCAL:
-            api.qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
-        if profile.deadline_ns != INFINITE_NS:
-            api.qset_deadline(qos, profile.deadline_ns)
-        api.qset_liveliness(qos, _LIVELINESS[profile.liveliness], profile.liveliness_lease_ns)
-        api.qset_data_representation(qos, 1, _XCDR1)
-        if is_writer:
-            api.qset_writer_data_lifecycle(qos, False)
-            if profile.lifespan_ns != INFINITE_NS:
-                api.qset_lifespan(qos, profile.lifespan_ns)
-        if api.qset_psmx_instances is not None:
-            api.qset_psmx_instances(qos, 0, None)
-        if spec.ignore_local:
-            api.qset_ignorelocal(qos, 1)
-        yield qos
-
-
-def read_user_data(api: CycloneApi, qos: int) -> bytes:
-    """Return the USER_DATA in the QoS object of a discovered entity; empty if there is none."""
-    pointer, size = ct.c_void_p(), ct.c_size_t()
-    exists = api.qget_userdata(qos, ct.byref(pointer), ct.byref(size))
-    return _take_copy(api, pointer, size.value) if exists else b""
-
-
-def read_property(api: CycloneApi, qos: int, name: bytes) -> str:
-    """Return a property from the QoS object of a discovered participant; empty if the property does not exist."""
-    pointer = ct.c_void_p()
-    exists = api.qget_prop(qos, name, ct.byref(pointer))
-    return _take_copy(api, pointer, -1).decode(errors="replace") if exists else ""
-
-
-def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
-    """Return a copy of bytes that the library has allocated, and free the original.
-
-    With size -1, the bytes end at a NUL.
-    """
-    try:
-        return ct.string_at(pointer, size) if pointer else b""
-    finally:
-        api.free(pointer)
-
-
-def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
-    """Return the ROS profile in the QoS object of a discovered endpoint; a missing policy has the default of DDS."""
-    kind, depth, lease, period = ct.c_int(), ct.c_int32(), ct.c_int64(INFINITE_NS), ct.c_int64()
-
-    def number_of(policy: str, *others: object) -> int:
-        kind.value = 0  # the default of DDS for each policy
-        getattr(api, f"qget_{policy}")(qos, ct.byref(kind), *others)
-        return kind.value
-
-    def period_of(policy: str) -> int:
-        period.value = INFINITE_NS
-        getattr(api, f"qget_{policy}")(qos, ct.byref(period))
-        return period.value
-
-    history = _policy(_HISTORY, number_of("history", ct.byref(depth)), History.KEEP_LAST)
-    return QoSProfile(
-        history=history,
-        depth=0 if history is History.KEEP_ALL else max(1, depth.value),
-        reliability=_policy(_RELIABILITY, number_of("reliability", ct.byref(period)), Reliability.BEST_EFFORT),
-        durability=_policy(_DURABILITY, number_of("durability"), Durability.UNKNOWN),
-        deadline_ns=period_of("deadline"),
-        lifespan_ns=period_of("lifespan") if is_writer else INFINITE_NS,
-        liveliness=_policy(_LIVELINESS, number_of("liveliness", ct.byref(lease)), Liveliness.UNKNOWN),
-        liveliness_lease_ns=lease.value,
-    )
-
-
-def _policy(numbers: Mapping[_Policy, int], number: int, default: _Policy) -> _Policy:
-    return next((policy for policy, policy_number in numbers.items() if policy_number == number), default)
-
-
-LOOPS_CAN_WATCH = os.name == "posix"
-"""True where event loops can watch pipes. Elsewhere a thread keeps the pipe empty, so writing to the pipe may block."""
-_MIN_PIPE_BYTES = 512
-"""Minimum capacity of a pipe (PIPE_BUF of POSIX): a pipe with less content was not full."""
-_READ_BYTES = 4096
-"""Maximum number of bytes in one read. Python allocates this size for each read; if the pipe contains more, it remains
-readable."""
-_handle = struct.Struct("i")
-
-# The C library that Python itself uses. On Windows the functions of POSIX have an underscore.
-_libc = ct.CDLL("ucrtbase" if sys.platform == "win32" else None)
-_prefix = "_" if sys.platform == "win32" else ""
-_file, _int = ct.c_void_p, ct.c_int
-_fdopen = ct.CFUNCTYPE(_file, _int, ct.c_char_p)((f"{_prefix}fdopen", _libc))
-_setbuf = ct.CFUNCTYPE(None, _file, ct.c_void_p)(("setbuf", _libc))
-_fclose = ct.CFUNCTYPE(_int, _file)(("fclose", _libc))
-ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
-"""C function that returns non-zero if a reader's handle did not fit into `WakeupPipe.stream`; the next `drain` reports
-that."""
-_clearerr = ct.CFUNCTYPE(None, _file)(("clearerr", _libc))
-# Used as a listener of Cyclone, so that Cyclone's threads call the C library directly, without Python and the GIL.
-putw = ct.CFUNCTYPE(_int, _int, _file)((f"{_prefix}putw", _libc))
-"""C function that writes a reader's handle into `WakeupPipe.stream`. Cyclone calls it as a listener. Unlike a listener
-it returns an int; the calling conventions of all platforms of Cyclone allow that."""
-
-
-class WakeupPipe:
-    """Pipe with which Cyclone wakes up the event loop of one participant, by writing handles of readers.
-
-    Thread: any.
-    """
-
-    def __init__(self) -> None:
-        self._read_end, self._write_end = os.pipe()
-        if LOOPS_CAN_WATCH:
-            # The pipe must never block Cyclone: a handle that does not fit is not written, and the next `drain` reports
-            # that some are missing.
-            self._set_blocking(False)
-        self.stream: int = _fdopen(self._write_end, b"wb")
-        """Writing end of the pipe, as an unbuffered C `FILE *`."""
-        _setbuf(self.stream, None)
-        self._lock = threading.Lock()
-        self._closed = False
-        self._thread: threading.Thread | None = None
-        self._handles: ReadyItems[int] = ReadyItems(has_pipe=False)
-        """Handles of readers that the reading thread has taken from the pipe."""
-        if not LOOPS_CAN_WATCH:
-            self.read_in_thread(None)
-
-    def _set_blocking(self, blocking: bool) -> None:
-        for end in (self._read_end, self._write_end):
-            os.set_blocking(end, blocking)
-
-    def fileno(self) -> int | None:
-        """Return the descriptor that an event loop must watch; None if a thread reads the pipe."""
-        return self._read_end if self._thread is None else None
-
-    def notify(self, handle: int) -> None:
-        """Write a reader's handle, as Cyclone does when it has received samples for the reader."""
-        with self._lock:
-            if not self._closed:
-                putw(handle, self.stream)
-
-    def drain(self) -> Iterable[int] | None:
-        """Return the handles of readers written since the last call; None if some may be missing. Never blocks."""
-        if self._thread is not None:
-            return self._handles.take()
-        with self._lock:
-            if self._closed:
-                return ()
-            try:
-                data = os.read(self._read_end, _READ_BYTES)
-            except BlockingIOError:
-                return ()
-            if len(data) == _handle.size:  # by far the most frequent case
-                return _handle.unpack(data)
-            # `ferror` takes the lock that `putw` holds, so it reports every write that found the pipe full.
-            if len(data) >= _MIN_PIPE_BYTES and ferror(self.stream):
-                _clearerr(self.stream)
-                return None
-        return _unique_handles(data)
-
-    def read_in_thread(self, notify: Callable[[], None] | None) -> None:
-        """Start a thread that reads the pipe; the thread calls `notify` when `drain` has handles."""
-        self._handles.set_wakeup(notify)
-        if self._thread is None:
-            if LOOPS_CAN_WATCH:
-                self._set_blocking(True)
-            self._thread = threading.Thread(target=self._run, name="rosidl-py-gen receiver", daemon=True)
-            self._thread.start()
-
-    def _run(self) -> None:
-        while data := os.read(self._read_end, _READ_BYTES):
-            for handle in _unique_handles(data):
-                self._handles.put(handle)
-
-    def close(self) -> None:
-        """Close the pipe, and wait for the end of the thread that reads it.
-
-        No listener of Cyclone may use the stream any more.
-        """
-        # Cyclone deletes an entity only after its listener has returned, so callers delete the participant before.
-        with self._lock:
-            self._closed = True
-            _fclose(self.stream)
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join()
-        os.close(self._read_end)
-
-
-def _unique_handles(data: bytes) -> dict[int, None]:
-    return dict.fromkeys(memoryview(data).cast("i"))
-
-
 LARGE_BYTES = 500_000
 """Size in bytes from which a message needs large socket buffers."""
 ENOUGH_SOCKET_BYTES = 4 << 20
@@ -662,3 +432,233 @@ class CycloneReader(_CycloneEndpoint):
         with self._owner.buffers.lock:  # waits for a take of this reader
             self.entity = 0
         self._delete(entity)
+
+
+_Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
+_HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
+_DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
+_RELIABILITY = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
+_LIVELINESS = {Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_TOPIC: 2}
+"""Numbers of the liveliness kinds in Cyclone; other dicts of this module have the numbers of the other policies."""
+_UNLIMITED = -1
+_XCDR1 = (ct.c_int16 * 1)(0)
+
+_MAX_BLOCKING_NS = 0
+"""Maximum blocking time of a write. 0, because the event loop must not block; `Publisher` waits instead.
+
+rmw_cyclonedds has infinity; the value does not influence matching (docs/internals/protocol.md 7.3).
+"""
+
+
+@contextmanager
+def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes, bytes]] = ()) -> Iterator[int]:
+    """Yield a Cyclone QoS object with default policies, with `user_data` as USER_DATA, and with `properties` (pairs of
+    name and value).
+    """
+    qos = api.create_qos()
+    try:
+        if user_data:
+            api.qset_userdata(qos, user_data, len(user_data))
+        for name, value in properties:
+            api.qset_prop(qos, name, value)
+        yield qos
+    finally:
+        api.delete_qos(qos)
+
+
+@contextmanager
+def endpoint_qos(api: CycloneApi, spec: EndpointSpec, *, is_writer: bool) -> Iterator[int]:
+    """Yield a Cyclone QoS object for a writer or reader; `spec.qos` must be a result of `effective`."""
+    profile, history = spec.qos, _HISTORY[spec.qos.history]
+    depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
+    ids = {"client_id": spec.client_id, "service_id": spec.service_id, "service_hash": spec.service_hash}
+    user_data = endpoint_user_data(spec.type_hash, **ids)
+    with new_qos(api, user_data) as qos:
+        api.qset_history(qos, history, depth)
+        api.qset_reliability(qos, _RELIABILITY[profile.reliability], _MAX_BLOCKING_NS)
+        api.qset_durability(qos, _DURABILITY[profile.durability])
+        if profile.durability is Durability.TRANSIENT_LOCAL:
+            api.qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
+        if profile.deadline_ns != INFINITE_NS:
+            api.qset_deadline(qos, profile.deadline_ns)
+        api.qset_liveliness(qos, _LIVELINESS[profile.liveliness], profile.liveliness_lease_ns)
+        api.qset_data_representation(qos, 1, _XCDR1)
+        if is_writer:
+            api.qset_writer_data_lifecycle(qos, False)
+            if profile.lifespan_ns != INFINITE_NS:
+                api.qset_lifespan(qos, profile.lifespan_ns)
+        if api.qset_psmx_instances is not None:
+            api.qset_psmx_instances(qos, 0, None)
+        if spec.ignore_local:
+            api.qset_ignorelocal(qos, 1)
+        yield qos
+
+
+def read_user_data(api: CycloneApi, qos: int) -> bytes:
+    """Return the USER_DATA in the QoS object of a discovered entity; empty if there is none."""
+    pointer, size = ct.c_void_p(), ct.c_size_t()
+    exists = api.qget_userdata(qos, ct.byref(pointer), ct.byref(size))
+    return _take_copy(api, pointer, size.value) if exists else b""
+
+
+def read_property(api: CycloneApi, qos: int, name: bytes) -> str:
+    """Return a property from the QoS object of a discovered participant; empty if the property does not exist."""
+    pointer = ct.c_void_p()
+    exists = api.qget_prop(qos, name, ct.byref(pointer))
+    return _take_copy(api, pointer, -1).decode(errors="replace") if exists else ""
+
+
+def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
+    """Return a copy of bytes that the library has allocated, and free the original.
+
+    With size -1, the bytes end at a NUL.
+    """
+    try:
+        return ct.string_at(pointer, size) if pointer else b""
+    finally:
+        api.free(pointer)
+
+
+def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
+    """Return the ROS profile in the QoS object of a discovered endpoint; a missing policy has the default of DDS."""
+    kind, depth, lease, period = ct.c_int(), ct.c_int32(), ct.c_int64(INFINITE_NS), ct.c_int64()
+
+    def number_of(policy: str, *others: object) -> int:
+        kind.value = 0  # the default of DDS for each policy
+        getattr(api, f"qget_{policy}")(qos, ct.byref(kind), *others)
+        return kind.value
+
+    def period_of(policy: str) -> int:
+        period.value = INFINITE_NS
+        getattr(api, f"qget_{policy}")(qos, ct.byref(period))
+        return period.value
+
+    history = _policy(_HISTORY, number_of("history", ct.byref(depth)), History.KEEP_LAST)
+    return QoSProfile(
+        history=history,
+        depth=0 if history is History.KEEP_ALL else max(1, depth.value),
+        reliability=_policy(_RELIABILITY, number_of("reliability", ct.byref(period)), Reliability.BEST_EFFORT),
+        durability=_policy(_DURABILITY, number_of("durability"), Durability.UNKNOWN),
+        deadline_ns=period_of("deadline"),
+        lifespan_ns=period_of("lifespan") if is_writer else INFINITE_NS,
+        liveliness=_policy(_LIVELINESS, number_of("liveliness", ct.byref(lease)), Liveliness.UNKNOWN),
+        liveliness_lease_ns=lease.value,
+    )
+
+
+def _policy(numbers: Mapping[_Policy, int], number: int, default: _Policy) -> _Policy:
+    return next((policy for policy, policy_number in numbers.items() if policy_number == number), default)
+
+
+LOOPS_CAN_WATCH = os.name == "posix"
+"""True where event loops can watch pipes. Elsewhere a thread keeps the pipe empty, so writing to the pipe may block."""
+_MIN_PIPE_BYTES = 512
+"""Minimum capacity of a pipe (PIPE_BUF of POSIX): a pipe with less content was not full."""
+_READ_BYTES = 4096
+"""Maximum number of bytes in one read. Python allocates this size for each read; if the pipe contains more, it remains
+readable."""
+_handle = struct.Struct("i")
+
+# The C library that Python itself uses. On Windows the functions of POSIX have an underscore.
+_libc = ct.CDLL("ucrtbase" if sys.platform == "win32" else None)
+_prefix = "_" if sys.platform == "win32" else ""
+_file, _int = ct.c_void_p, ct.c_int
+_fdopen = ct.CFUNCTYPE(_file, _int, ct.c_char_p)((f"{_prefix}fdopen", _libc))
+_setbuf = ct.CFUNCTYPE(None, _file, ct.c_void_p)(("setbuf", _libc))
+_fclose = ct.CFUNCTYPE(_int, _file)(("fclose", _libc))
+ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
+"""C function that returns non-zero if a reader's handle did not fit into `WakeupPipe.stream`; the next `drain` reports
+that."""
+_clearerr = ct.CFUNCTYPE(None, _file)(("clearerr", _libc))
+# Used as a listener of Cyclone, so that Cyclone's threads call the C library directly, without Python and the GIL.
+putw = ct.CFUNCTYPE(_int, _int, _file)((f"{_prefix}putw", _libc))
+"""C function that writes a reader's handle into `WakeupPipe.stream`. Cyclone calls it as a listener. Unlike a listener
+it returns an int; the calling conventions of all platforms of Cyclone allow that."""
+
+
+class WakeupPipe:
+    """Pipe with which Cyclone wakes up the event loop of one participant, by writing handles of readers.
+
+    Thread: any.
+    """
+
+    def __init__(self) -> None:
+        self._read_end, self._write_end = os.pipe()
+        if LOOPS_CAN_WATCH:
+            # The pipe must never block Cyclone: a handle that does not fit is not written, and the next `drain` reports
+            # that some are missing.
+            self._set_blocking(False)
+        self.stream: int = _fdopen(self._write_end, b"wb")
+        """Writing end of the pipe, as an unbuffered C `FILE *`."""
+        _setbuf(self.stream, None)
+        self._lock = threading.Lock()
+        self._closed = False
+        self._thread: threading.Thread | None = None
+        self._handles: ReadyItems[int] = ReadyItems(has_pipe=False)
+        """Handles of readers that the reading thread has taken from the pipe."""
+        if not LOOPS_CAN_WATCH:
+            self.read_in_thread(None)
+
+    def _set_blocking(self, blocking: bool) -> None:
+        for end in (self._read_end, self._write_end):
+            os.set_blocking(end, blocking)
+
+    def fileno(self) -> int | None:
+        """Return the descriptor that an event loop must watch; None if a thread reads the pipe."""
+        return self._read_end if self._thread is None else None
+
+    def notify(self, handle: int) -> None:
+        """Write a reader's handle, as Cyclone does when it has received samples for the reader."""
+        with self._lock:
+            if not self._closed:
+                putw(handle, self.stream)
+
+    def drain(self) -> Iterable[int] | None:
+        """Return the handles of readers written since the last call; None if some may be missing. Never blocks."""
+        if self._thread is not None:
+            return self._handles.take()
+        with self._lock:
+            if self._closed:
+                return ()
+            try:
+                data = os.read(self._read_end, _READ_BYTES)
+            except BlockingIOError:
+                return ()
+            if len(data) == _handle.size:  # by far the most frequent case
+                return _handle.unpack(data)
+            # `ferror` takes the lock that `putw` holds, so it reports every write that found the pipe full.
+            if len(data) >= _MIN_PIPE_BYTES and ferror(self.stream):
+                _clearerr(self.stream)
+                return None
+        return _unique_handles(data)
+
+    def read_in_thread(self, notify: Callable[[], None] | None) -> None:
+        """Start a thread that reads the pipe; the thread calls `notify` when `drain` has handles."""
+        self._handles.set_wakeup(notify)
+        if self._thread is None:
+            if LOOPS_CAN_WATCH:
+                self._set_blocking(True)
+            self._thread = threading.Thread(target=self._run, name="rosidl-py-gen receiver", daemon=True)
+            self._thread.start()
+
+    def _run(self) -> None:
+        while data := os.read(self._read_end, _READ_BYTES):
+            for handle in _unique_handles(data):
+                self._handles.put(handle)
+
+    def close(self) -> None:
+        """Close the pipe, and wait for the end of the thread that reads it.
+
+        No listener of Cyclone may use the stream any more.
+        """
+        # Cyclone deletes an entity only after its listener has returned, so callers delete the participant before.
+        with self._lock:
+            self._closed = True
+            _fclose(self.stream)
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        os.close(self._read_end)
+
+
+def _unique_handles(data: bytes) -> dict[int, None]:
+    return dict.fromkeys(memoryview(data).cast("i"))
