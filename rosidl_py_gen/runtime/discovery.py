@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import DiscoveryEvent, Participant, TopicKey
 
 _STILL_DELIVERED = "; delivered anyway, because of type_hash_check"
-_ADVICE = (
+_DEFINITION_ADVICE = (
     ". Use the same definition on both sides, or that of the other side: `await node.resolve_type(topic)`, or "
     "`rosidl-py`, which does that automatically"
 )
@@ -317,7 +317,7 @@ class Discovery:
         names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
         text = f"{effect} on {own.topic_key.name} {names}: {incompatibility.reason}"
         if incompatibility.kind is IncompatibilityKind.DEFINITION:
-            advice = _ADVICE
+            advice = _DEFINITION_ADVICE
             if distros:
                 peer = writer if reader.participant_guid == self._participant.guid else reader
                 start = f". The definition of {self.graph.describe_node(peer)} is that of ROS 2 {', '.join(distros)}"
@@ -360,7 +360,7 @@ _MAX_PEERS = 3
 """Maximum number of peers that an error text about unmatched endpoints names."""
 _MAX_NAME_CHARS = 200
 _VERBS = {(False, "topic"): "publishes", (True, "topic"): "subscribes to"}
-_ADVICES = {
+_PARTICIPANT_ADVICE = {
     "DDS": "; check ROS_DOMAIN_ID and the discovery range, or run `rosidl-py doctor`",
     "Zenoh": "; check ROS_DOMAIN_ID and the Zenoh router",
 }
@@ -434,7 +434,7 @@ class UnmatchedReasons:
         """Return a text with advice if no other participant was found; empty if there is another participant."""
         if self._graph.has_others():
             return ""
-        return f"no other participant was found{_ADVICES.get(self._middleware, '')}"
+        return f"no other participant was found{_PARTICIPANT_ADVICE.get(self._middleware, '')}"
 
     def disagreeing(self, guid: bytes, topic_key: TopicKey) -> str:
         """Return a text about a publisher that has another type definition than a subscription of this context.

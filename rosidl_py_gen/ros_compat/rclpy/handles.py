@@ -352,18 +352,15 @@ def _close(entity: Any, parent: Any) -> None:
 # ------------------------------------------------------------------------------------------------------------- entities
 
 
-E = TypeVar("E", bound=Any)
-
-
-class Entity(Generic[E]):
+class Entity(Generic[C]):
     """Base of publishers, subscriptions, clients and services of a node."""
 
-    def __init__(self, handle: Handle[E], on_destroy: Callable[[Any], None] | None = None) -> None:
+    def __init__(self, handle: Handle[C], on_destroy: Callable[[Any], None] | None = None) -> None:
         self._rosidl_handle = handle
         self.rosidl_on_destroy = on_destroy
 
     @property
-    def handle(self) -> Handle[E]:
+    def handle(self) -> Handle[C]:
         return self._rosidl_handle
 
     @property
@@ -388,12 +385,12 @@ class Entity(Generic[E]):
         self.destroy()
 
 
-class TopicEntity(Entity[E]):
+class TopicEntity(Entity[C]):
     """Base of publishers and subscriptions."""
 
     def __init__(
         self,
-        handle: Handle[E],
+        handle: Handle[C],
         msg_type: type[Any],
         topic: str,
         qos: QoSProfile,
@@ -418,12 +415,12 @@ class TopicEntity(Entity[E]):
         super().destroy()
 
 
-class ServiceEntity(Entity[E]):
+class ServiceEntity(Entity[C]):
     """Base of clients and servers of services."""
 
     def __init__(
         self,
-        handle: Handle[E],
+        handle: Handle[C],
         srv_type: Any,
         srv_name: str,
         qos: QoSProfile,

@@ -16,7 +16,7 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
-from rosidl_py_gen.runtime.clocks import Clock, ClockTimer, TimerCall, TimerSchedule, period_to_ns
+from rosidl_py_gen.runtime.clocks import Clock, ClockTimer, Rate, TimerCall, TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, PollableEntity, entity_repr, user_callback
 from rosidl_py_gen.runtime.entities.message_types import message_type
 from rosidl_py_gen.runtime.entities.topics import Publisher, Subscription
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.clocks import Rate
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
@@ -377,8 +376,6 @@ class TimeMethods(NodeBase):
 
     def create_rate(self, frequency_hz: float) -> Rate:
         """Create a rate: ``await rate.sleep()`` keeps a loop at a frequency in Hz, measured by the node's clock."""
-        from rosidl_py_gen.runtime.clocks import Rate
-
         return Rate(self.clock, frequency_hz)
 
     def create_sim_time_publisher(

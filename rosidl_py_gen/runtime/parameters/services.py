@@ -1,4 +1,4 @@
-"""Services of a node for parameters and logger levels, ``/parameter_events``, and messages of rcl_interfaces.
+"""Services of a node for parameters and logger levels, ``/parameter_events``, and values as messages of rcl_interfaces.
 
 An unknown type number of a parameter becomes NOT_SET in a response of a peer, and an error in a request. Logger levels
 apply to the whole process.

@@ -7,12 +7,12 @@ Rules:
   undeclares anything, which would stop or deadlock the session.
 - No lock of this package is held during a call into Zenoh.
 
+`ZenohTransport` opens a session for a context and waits for a router. Zenoh cannot be used after a fork: its threads,
+which all sessions of a process share, do not exist in the child, and the first call would never return.
+
 Configuration of sessions and routers: defaults of rmw_zenoh_cpp, and its environment variables, which are read from a
 mapping, never from `os.environ`. Sessions listen on this machine only and find each other through a router, never by
 multicast.
-
-`ZenohTransport` opens a session for a context and waits for a router. Zenoh cannot be used after a fork: its threads,
-which all sessions of a process share, do not exist in the child, and the first call would never return.
 
 Source: docs/internals/zenoh.md 1 (rmw_zenoh_cpp of Jazzy, its two configuration files and zenoh_config.cpp).
 """
@@ -260,7 +260,7 @@ class ZenohTransport:
             )
         config = session_config(os.environ, get_root_logger().warning)
         # Otherwise Zenoh waits for all discovered peers, often half a second for one that is gone.
-        insert(config, "open/return_conditions/connect_scouted", "false", where="own settings")
+        insert_setting(config, "open/return_conditions/connect_scouted", "false", where="own settings")
         attempts, humble = router_attempts(os.environ), is_humble(os.environ)
         where = ", ".join(configured_endpoints(config, "connect"))
         ZenohTransport._was_used = True
@@ -382,7 +382,7 @@ def router_config(
     config = _configuration(environ, "ZENOH_ROUTER_CONFIG_URI", {**_COMMON, **_ROUTER}, warn)
     for key, endpoints in (("listen/endpoints", list(listen)), ("connect/endpoints", list(connect))):
         if endpoints:
-            insert(config, key, json.dumps(endpoints), where="router")
+            insert_setting(config, key, json.dumps(endpoints), where="router")
     return config
 
 
@@ -417,7 +417,7 @@ def is_humble(environ: Mapping[str, str]) -> bool:
     return text == "humble"
 
 
-def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
+def insert_setting(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
     """Set a key of a configuration to a JSON5 text.
 
     Raises:
@@ -451,13 +451,13 @@ def _configuration(
     else:
         config = zenoh.Config()
         for key, value in defaults.items():
-            insert(config, key, json.dumps(value), where="defaults of rmw_zenoh")
+            insert_setting(config, key, json.dumps(value), where="defaults of rmw_zenoh")
     for pair in filter(None, environ.get("ZENOH_CONFIG_OVERRIDE", "").split(";")):
         key, equals, value = pair.partition("=")
         try:
             if not equals or not value:
                 raise ZenohConfigError(f"ZENOH_CONFIG_OVERRIDE: expected key=value, found {_quoted(pair)}")
-            insert(config, key, value, where="ZENOH_CONFIG_OVERRIDE")
+            insert_setting(config, key, value, where="ZENOH_CONFIG_OVERRIDE")
         except ZenohConfigError as error:
             hint = "; texts need quotes" if value and value.strip().isalpha() else ""
             warn(f"{error}{hint}; this pair has no effect")
