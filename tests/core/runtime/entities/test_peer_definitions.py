@@ -9,13 +9,12 @@ import pytest
 from support.announced_types import humble_node, without_hash
 from support.waiting import until
 
-from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
+from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash, type_loading
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.msgs.distribution_hashes import HASHES
 from rosidl_py_gen.runtime import CallTimeoutError, SubscriptionEventCallbacks, WaitTimeoutError, qos
 from rosidl_py_gen.runtime.transport.api import NodesAnnounced
 from rosidl_py_gen.runtime.transport.memory import MemoryReader
-from rosidl_py_gen.type_loading import from_description
 
 if TYPE_CHECKING:
     from support.worlds import World
@@ -184,7 +183,7 @@ def test_messages_between_all_pairs_of_distributions_are_dropped_and_named(
     subscription, publisher = bob.create_subscription(ours, "t"), alice.create_publisher(theirs, "t")
     publisher.publish(theirs())
     assert (subscription.take(), subscription.incompatible_dropped, subscription.undecodable) == (None, 1, 0)
-    distros = from_description.distributions_with(name, our_hash, their_hash)
+    distros = type_loading.distributions_with(name, our_hash, their_hash)
     assert " ".join(distros) == HASHES[name][their_hash]
 
 
@@ -328,7 +327,7 @@ async def test_unreadable_definitions_of_other_distributions_are_logged(
     def fail(*_: object) -> None:
         raise DefinitionError.__new__(DefinitionError)
 
-    monkeypatch.setattr(from_description, "other_hashes", fail)
+    monkeypatch.setattr(type_loading, "other_hashes", fail)
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
