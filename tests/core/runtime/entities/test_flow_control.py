@@ -11,8 +11,8 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from support.waiting import until
 
-from rosidl_py_gen.runtime.entities import services as service
-from rosidl_py_gen.runtime.transport import flow_control as windows
+from rosidl_py_gen.runtime.entities import services
+from rosidl_py_gen.runtime.transport import flow_control
 from rosidl_py_gen.runtime.transport.flow_control import RequestFlowControl
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -83,7 +83,7 @@ async def test_released_request_frees_one_window_slot_only_once() -> None:
 async def test_stalled_window_sends_one_more_request_and_warns(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(windows, "STALL_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(flow_control, "STALL_TIMEOUT_S", 0.2)
     window, sent = RequestFlowControl("/add"), list[int]()
     loop = asyncio.get_running_loop()
     began_s = loop.time()
@@ -150,7 +150,7 @@ async def test_request_queue_of_server_is_shared_between_client_nodes(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+        patched.setattr(services, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
         server = world.node("server").create_service(AddTwoInts, "add")
     nodes = [world.node() for _ in range(3)]
     clients = [node.create_client(AddTwoInts, "add") for node in (*nodes, nodes[0])]
@@ -170,7 +170,7 @@ async def test_window_grows_with_replies_after_discovery_settled(monkeypatch: py
     assert len(sent) == 3
     window.on_response(1)
     assert len(sent) - 1 == 3
-    monkeypatch.setattr(windows, "DISCOVERY_SETTLE_S", 0.0)
+    monkeypatch.setattr(flow_control, "DISCOVERY_SETTLE_S", 0.0)
     for number in range(2, 6):
         window.on_response(number)
     assert len(sent) - 5 == 7

@@ -17,7 +17,7 @@ from support.waiting import until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_qos
+from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
@@ -147,7 +147,7 @@ async def test_endpoints_that_announce_buffer_backends_exchange_messages(
     ours, theirs = dds.pair()
     with monkeypatch.context() as patch:
         patch.setattr(
-            cyclone_qos, "endpoint_user_data", lambda *args, **ids: endpoint_user_data(*args, **ids) + backends
+            cyclone_endpoints, "endpoint_user_data", lambda *args, **ids: endpoint_user_data(*args, **ids) + backends
         )
         their_publisher = theirs.create_publisher(UInt8MultiArray, "theirs", profile)
         their_subscription = theirs.create_subscription(UInt8MultiArray, "ours", qos=profile)

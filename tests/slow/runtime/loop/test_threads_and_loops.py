@@ -101,11 +101,11 @@ def test_message_published_between_two_loops_does_not_stop_delivery(world: World
 @pytest.mark.every_transport
 def test_client_can_be_used_on_consecutive_loops(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # Server with a short request queue, as on rmw_cyclonedds.
-    from rosidl_py_gen.runtime.entities import services as service
+    from rosidl_py_gen.runtime.entities import services
 
     server, caller = world.pair()
     client = caller.create_client(AddTwoInts, "add")
-    monkeypatch.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
+    monkeypatch.setattr(services, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
 
     async def burst() -> None:
         made = server.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
@@ -264,7 +264,7 @@ def test_blocking_call_between_two_runs_of_a_loop_returns_the_context_to_it(worl
 async def test_no_request_of_three_clients_is_lost_by_a_slow_server_with_short_queue(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rosidl_py_gen.runtime.entities import services as service
+    from rosidl_py_gen.runtime.entities import services
 
     server, caller = world.pair()
 
@@ -273,7 +273,7 @@ async def test_no_request_of_three_clients_is_lost_by_a_slow_server_with_short_q
         return AddTwoInts.Response(sum=request.a)
 
     with monkeypatch.context() as patched:
-        patched.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+        patched.setattr(services, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
         server.create_service(AddTwoInts, "add", handler)
     clients = [caller.create_client(AddTwoInts, "add") for _ in range(3)]
     assert await clients[0].wait_for_service(timeout_s=20)

@@ -12,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.api import TransportError
-from rosidl_py_gen.runtime.transport.zenoh import participant as config_module
+from rosidl_py_gen.runtime.transport.zenoh import participant
 from rosidl_py_gen.runtime.transport.zenoh import router as router_module
 from rosidl_py_gen.runtime.transport.zenoh.participant import (
     ZenohConfigError,
@@ -206,7 +206,7 @@ def test_router_listens_on_ipv4_without_ipv6(monkeypatch: pytest.MonkeyPatch) ->
     def no_ipv6(*_: object) -> None:
         raise OSError(97, "Address family not supported by protocol")
 
-    monkeypatch.setattr(config_module, "router_config", stop)
+    monkeypatch.setattr(participant, "router_config", stop)
     for listen in ([], ["tcp/127.0.0.1:0"]):
         with pytest.raises(ZenohConfigError):
             ZenohRouter({}, refuse, listen=listen)
