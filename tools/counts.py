@@ -151,6 +151,7 @@ def counts(tree: Tree) -> dict[str, int]:
     support = {name: text for name, text in tests.items() if name.startswith("tests/support/")}
     modules = {name: _module(name, text) for name, text in product.items() if name.endswith(".py")}
     doors = {pair for one in modules.values() if one.room != COMPAT for pair in one.foreign()}
+    internal = {pair for pair in doors if not _is_public(*pair, stubs=product)}
     compat = {pair for one in modules.values() if one.room == COMPAT for pair in one.foreign()}
     # Others, such as `os._exit` and `_replace` of named tuples, are public names of the standard library.
     defined = {name for module in modules.values() for name in module.own}
@@ -160,6 +161,7 @@ def counts(tree: Tree) -> dict[str, int]:
     face = [line for line in record.splitlines() if line and not line.startswith("#")]
     return {
         "doors: names that another room imports": len(doors),
+        "doors: of these neither public nor generated": len(internal),
         "doors: modules that another room imports": len({source for source, _ in doors}),
         "doors: names that ros_compat imports": len(compat),
         "private names of other modules: uses": len(private),
@@ -177,6 +179,15 @@ def counts(tree: Tree) -> dict[str, int]:
         "tools: lines": sum(text.count("\n") for name, text in tree.items() if name.startswith("tools/")),
         "tests: lines of support": sum(text.count("\n") for text in support.values()),
     }
+
+
+def _is_public(module: str, name: str, stubs: Tree) -> bool:
+    """Return True for errors, classes of generated packages, and names above the first comment of a stub."""
+    room = room_of(module)
+    if room in ("errors", "msgs"):
+        return True
+    texts = (stubs.get(f"{PACKAGE}/{folder}__init__.pyi", "") for folder in (f"{room}/", ""))
+    return any(f" as {name}\n" in text.partition("#")[0] for text in texts)
 
 
 def _members(record: str) -> set[str]:

@@ -247,6 +247,8 @@ def test_third_party_imports_are_listed_in_import_contract() -> None:
 
 @pytest.mark.parametrize("stub", sorted(PACKAGE.rglob("__init__.pyi")), ids=lambda stub: stub.parent.name)
 def test_every_name_of_a_stub_can_be_imported(stub: Path) -> None:
+    if stub.parent.name == "tables":
+        pytest.importorskip("pyarrow")
     package = import_module(".".join(stub.parent.relative_to(ROOT).parts))
     text = stub.read_text(encoding="utf-8")
     names, public = (
