@@ -476,6 +476,9 @@ class Transport(Protocol):
         """Join the domain of `settings` as a participant that announces `enclave`; ignore unsupported settings."""
 
 
+# ------------------------------------------------------------------------------------------------------------- services
+
+
 def service_topic_keys(name: str, qos: QoSProfile) -> tuple[TopicKey, TopicKey]:
     """Return the topic of a service's requests and the topic of its replies."""
     if qos.avoid_ros_namespace_conventions:

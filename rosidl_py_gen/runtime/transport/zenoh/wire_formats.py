@@ -331,6 +331,8 @@ def _mangled(name: str) -> str:
     return name.replace("/", "%")
 
 
+# ---------------------------------------------------------------------------------------------------------------- graph
+
 _TOPIC_OF_ALL_NODES = TopicKey("topic", "/parameter_events")
 _FLIPPED = (1 << 128) - 1
 
