@@ -265,6 +265,8 @@ class Clock:
             self._on_failure("a time jump callback")
 
 
+# ------------------------------------------------------------------------------------------------------------ schedules
+
 _MAX_SLEEP_S = 1.0
 """Maximum time between two checks of the system time, in seconds; setting the time delays a timer by at most this."""
 

@@ -356,6 +356,8 @@ class Discovery:
         self._changed()
 
 
+# ------------------------------------------------------------------------------------------- reasons of missing matches
+
 _MAX_PEERS = 3
 """Maximum number of peers that an error text about unmatched endpoints names."""
 _MAX_NAME_CHARS = 200

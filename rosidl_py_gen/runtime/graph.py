@@ -350,6 +350,8 @@ def _grouped(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:
     return [(name, sorted(types)) for name, types in sorted(types_by_name.items())]
 
 
+# ---------------------------------------------------------------------------------------------------------- type hashes
+
 TypeCheck = Literal["error", "warn", "off"]
 """Treatment of messages whose sender has another definition.
 

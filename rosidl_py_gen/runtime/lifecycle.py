@@ -370,6 +370,8 @@ def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions_Response
     )
 
 
+# ---------------------------------------------------------------------------------------------------------------- nodes
+
 MessageT = TypeVar("MessageT", bound=Message)
 
 

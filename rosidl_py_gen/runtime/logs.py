@@ -365,6 +365,8 @@ def shared_router() -> RosoutRouter:
     return _router
 
 
+# -------------------------------------------------------------------------------------------------------------- outputs
+
 DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
 _TOKEN = re.compile(r"\{([a-z_]+)\}")
 _COLORS = {DEBUG: "\x1b[32m", WARN: "\x1b[33m", ERROR: "\x1b[31m", FATAL: "\x1b[31m"}

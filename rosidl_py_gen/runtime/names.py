@@ -256,6 +256,8 @@ def expand_name(name: str, node_name: str, namespace: str, what: str = "topic na
     return full
 
 
+# ------------------------------------------------------------------------------------------------------------ remapping
+
 _TOKEN = r"(?:(?:[A-Za-z]_?)|_)(?:[0-9A-Za-z]_?)*"
 _NAME = rf"(?:~/|/)?{_TOKEN}(?:/{_TOKEN})*|~"
 _RULE_PREFIX = re.compile(rf"({_TOKEN}):(?!=|//)")

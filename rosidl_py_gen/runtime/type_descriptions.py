@@ -230,6 +230,8 @@ def node_name_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
     return names.pop() if len(names) == 1 else ""
 
 
+# -------------------------------------------------------------------------------------------------------------- service
+
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 ENDPOINTS_TIMEOUT_S = 1.0
 """Maximum time in seconds to wait for the endpoints of a discovered node; they usually arrive some milliseconds after

@@ -516,6 +516,8 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         super().close()
 
 
+# -------------------------------------------------------------------------------------------------------------- results
+
 CHECK_INTERVAL_S = 0.5
 """Interval in seconds at which an action client checks its servers while results are pending."""
 _BATCH_INTERVAL_S = 0.01

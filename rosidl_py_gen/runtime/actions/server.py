@@ -229,6 +229,8 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
             complete_threadsafe(reply, None)
 
 
+# ---------------------------------------------------------------------------------------------- decisions and execution
+
 T = TypeVar("T")
 
 

@@ -237,6 +237,8 @@ def _bundled_class(name: str) -> Any:
     return getattr(import_module(f"rosidl_py_gen.msgs.{package}.{kind}"), stem)
 
 
+# ----------------------------------------------------------------------------------------------------- check of samples
+
 W = TypeVar("W")
 
 _MAX_WRITERS = 1000

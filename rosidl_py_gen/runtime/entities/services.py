@@ -205,6 +205,9 @@ def _complete(future: asyncio.Future[ResponseT], response: ResponseT, _: bytes |
         future.set_result(response)
 
 
+# -------------------------------------------------------------------------------------------------------------- clients
+
+
 class Client(ServiceEndpoint[RequestT, ResponseT]):
     """Client of a service, created by `Node.create_client`."""
 
@@ -543,6 +546,8 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             self._send_queue.close()
             self._transport_client.close()
 
+
+# -------------------------------------------------------------------------------------------------------------- servers
 
 _RESPONSE_HINT = "; it makes the response itself and returns it"
 _CLIENT_MATCH_TIMEOUT_S = 5.0

@@ -244,6 +244,8 @@ class Publisher(Entity, Generic[T]):
             self._writer.close()
 
 
+# -------------------------------------------------------------------------------------------------------- subscriptions
+
 _INFO_HINT = "; receive_with_info() of a subscription without callback returns the origin of a message"
 
 

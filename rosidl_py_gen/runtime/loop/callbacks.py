@@ -230,6 +230,8 @@ async def in_thread(name: str, function: Callable[..., Any], *arguments: object)
         del error  # its traceback refers to this frame
 
 
+# ------------------------------------------------------------------------------------------------------------- failures
+
 OnError: TypeAlias = Literal["log", "raise"]
 """Type of the setting `on_error`: an exception of a callback is only logged, or logged and raised in the program."""
 

@@ -154,6 +154,8 @@ class PriorityReaderSelector(selectors.DefaultSelector):
         super().close()
 
 
+# --------------------------------------------------------------------------------------------------------- virtual time
+
 T = TypeVar("T")
 
 _THREAD_CHECK_INTERVAL_S = 0.05

@@ -614,6 +614,9 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
 
 
+# ----------------------------------------------------------------------------------------------------- public interface
+
+
 class LoopRunner:
     """asyncio event loop that no thread owns: threads that wait for a condition run it.
 

@@ -248,6 +248,8 @@ def parse_node_arguments(arguments: Sequence[str] | None) -> RosArguments:
     return own
 
 
+# ---------------------------------------------------------------------------------------------------------- environment
+
 MAX_DOMAIN_ID = 232
 """Highest domain id with valid UDP ports: 7400 + 250 * id + 11 + 2 * 32 must be less than 65536."""
 MAX_PEER_LENGTH = 255

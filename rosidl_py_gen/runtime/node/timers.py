@@ -208,6 +208,8 @@ class Timer(PollableEntity):
             self._waiters.wake()
 
 
+# ------------------------------------------------------------------------------------------------------- simulated time
+
 USE_SIM_TIME = "use_sim_time"
 NOT_BOOL_REASON = "use_sim_time parameter set to something besides a bool"
 

@@ -367,6 +367,8 @@ def _convert_range(location: str, requested: Range, kind: type[float]) -> FloatR
     raise ParameterClassError(f"{location}: the range of {rule} and step, got {requested!r}")
 
 
+# -------------------------------------------------------------------------------------------------------------- objects
+
 T = TypeVar("T")
 
 

@@ -167,6 +167,9 @@ class ParameterServices:
             return result_to_message(SetResult(False, text))
 
 
+# -------------------------------------------------------------------------------------------------------- logger levels
+
+
 def start_logger_services(scope: EntityScope, names: NodeNames) -> None:
     """Serve ``~/get_logger_levels`` and ``~/set_logger_levels`` of a node until it closes."""
     services: tuple[tuple[type[Service[Any, Any]], str, Callable[[Any], Any]], ...] = (
@@ -194,6 +197,8 @@ def _set_logger_level(level: msg.LoggerLevel) -> msg.SetLoggerLevelsResult:
         return msg.SetLoggerLevelsResult(successful=False, reason=str(error))
     return msg.SetLoggerLevelsResult(successful=True)
 
+
+# ------------------------------------------------------------------------------------------------------------- messages
 
 _KINDS = tuple(ParameterType)
 _UNSET = ParameterValue()

@@ -472,6 +472,8 @@ class ParameterStore:
             raise ParameterNotDeclaredError([name])
 
 
+# ------------------------------------------------------------------------------------------------------------ callbacks
+
 Commit: TypeAlias = "Callable[[], None]"
 ACCEPTED = SetResult(True)
 

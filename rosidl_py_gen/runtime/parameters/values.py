@@ -380,6 +380,8 @@ def _infer_array(items: tuple[object, ...]) -> ParameterValue:
     return ParameterValue(ARRAY_OF[kinds.pop()], tuple(value for _, value in scalars))  # type: ignore[arg-type]
 
 
+# ----------------------------------------------------------------------------------------------------------- validation
+
 NumberT = TypeVar("NumberT", int, float, covariant=True)
 
 SEPARATOR = "."

@@ -215,6 +215,8 @@ class RequestWindows:
             return window
 
 
+# ------------------------------------------------------------------------------------------------------------- timeouts
+
 OperationT = TypeVar("OperationT")
 
 _COALESCE_S = 0.001
@@ -259,6 +261,8 @@ class TimeoutTable(Generic[OperationT]):
         if self._ends_s:
             self._schedule_check(max(min(self._ends_s.values()), now_s + _COALESCE_S))
 
+
+# -------------------------------------------------------------------------------------------------------------- replies
 
 MAX_REPLIES = 8
 """Maximum number of replies that the clients of a server have perhaps not taken. A client of ROS keeps 10 replies."""

@@ -319,6 +319,9 @@ def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
     )
 
 
+# -------------------------------------------------------------------------------------------------------- compatibility
+
+
 class Compatibility(Enum):
     """Result of comparing two QoS profiles: compatible, possibly incompatible (WARNING), or incompatible (ERROR)."""
 

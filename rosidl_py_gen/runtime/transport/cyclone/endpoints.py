@@ -434,6 +434,8 @@ class CycloneReader(_CycloneEndpoint):
         self._delete(entity)
 
 
+# ------------------------------------------------------------------------------------------------------------------ QoS
+
 _Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
 _HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
 _DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
@@ -549,6 +551,8 @@ def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
 def _policy(numbers: Mapping[_Policy, int], number: int, default: _Policy) -> _Policy:
     return next((policy for policy, policy_number in numbers.items() if policy_number == number), default)
 
+
+# --------------------------------------------------------------------------------------------------------- wake-up pipe
 
 LOOPS_CAN_WATCH = os.name == "posix"
 """True where event loops can watch pipes. Elsewhere a thread keeps the pipe empty, so writing to the pipe may block."""

@@ -280,6 +280,8 @@ def call_with_sigint_deferred(function: Callable[..., Any], *arguments: Any) -> 
             signal.raise_signal(number)
 
 
+# -------------------------------------------------------------------------------------------------------- configuration
+
 MAX_PARTICIPANT_INDEX = 32
 IGNORE_TYPE_INFORMATION = "IgnoreTypeInformation"
 """Name of a configuration element that Cyclone has from 11 on."""
@@ -390,6 +392,8 @@ def _discovery(peers: tuple[str, ...]) -> str:
         f"{f'<Peers>{elements}</Peers>' if elements else ''}</Discovery>"
     )
 
+
+# --------------------------------------------------------------------------------------------------------------- search
 
 VARIABLE = "ROSIDL_LIBDDSC"
 _PATTERN = {"win32": "ddsc*.dll", "darwin": "libddsc*.dylib"}.get(sys.platform, "libddsc*.so*")

@@ -341,6 +341,8 @@ def _closed_on_failure(endpoint: Reader | Writer) -> Iterator[None]:
         raise
 
 
+# ------------------------------------------------------------------------------------------------------- identification
+
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of a request; with Fast DDS, both are sent together with the request and with its reply.
 """

@@ -233,6 +233,8 @@ class ZenohParticipant:
             self.ready_sinks.close()
 
 
+# ------------------------------------------------------------------------------------------------------------ transport
+
 _ROUTER_RETRY_INTERVAL_S = 1.0
 """Interval between two checks for a router, in seconds; the same as in rmw_zenoh_cpp."""
 _ROUTER_POLL_INTERVAL_S = 0.001
@@ -306,6 +308,8 @@ def _wait_for_router(session: zenoh.Session, timeout_s: float) -> bool:
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=ZenohTransport.after_fork)
 
+
+# -------------------------------------------------------------------------------------------------------- configuration
 
 ROUTER_PORT = 7447
 _MAX_QUOTED_CHARS = 200

@@ -274,6 +274,8 @@ def has_hashed_guid(guid: bytes) -> bool:
     return bool(guid[0] & _HASHED_BIT)
 
 
+# -------------------------------------------------------------------------------------------------------- early samples
+
 _HEADER = b"RTPS\x02\x01\x01\x10"
 """RTPS header with version 2.1 and vendor Cyclone DDS; the GUID prefix of this participant follows after it."""
 _pack_info_dst = struct.Struct("<BBH12s").pack

@@ -270,6 +270,8 @@ class SampleIdentities:
         return result
 
 
+# ----------------------------------------------------------------------------------------------- support by the library
+
 _UNBOUND = "with it, Cyclone DDS before 11 finds no nodes on Fast DDS; data may go to any address that peers announce"
 _CAPABILITIES = (
     ("refusal", "services of nodes on Fast DDS", "services of Fast DDS nodes cannot be used here, topics can"),
@@ -384,6 +386,8 @@ def _untested_platform() -> str | None:
         return None
     return f"not tested on {system} with {bits} bits, {sys.byteorder}-endian"
 
+
+# ----------------------------------------------------------------------------------------------------------- one domain
 
 _LOOKUP_REPLY = b"DDS::Builtin::TypeLookup_Reply"
 _PROBE_TYPE = "rosidl_py_gen_neighbour"
