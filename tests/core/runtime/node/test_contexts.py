@@ -236,7 +236,6 @@ def test_a_broken_cyclonedds_uri_is_quoted_in_the_error(uri: str) -> None:
     assert f"CYCLONEDDS_URI is set to {uri!r}" in output and "could not configure domain" in output
 
 
-@pytest.mark.slow
 def test_missing_zenoh_package_is_reported_with_its_installation(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [one for one in sys.modules if one.startswith("rosidl_py_gen.runtime.transport.zenoh.")]:
         monkeypatch.delitem(sys.modules, name)
@@ -246,6 +245,7 @@ def test_missing_zenoh_package_is_reported_with_its_installation(monkeypatch: py
     assert caught.value.name == "zenoh"
 
 
+@pytest.mark.slow
 def test_domain_without_free_participant_index_is_reported(dds: World) -> None:
     from rosidl_py_gen.runtime.transport.cyclone.domain import has_free_index
 
