@@ -9,7 +9,7 @@ import pytest
 from support.announced_types import humble_node, without_hash
 from support.waiting import until
 
-from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
+from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash, type_loading
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.msgs.distribution_hashes import HASHES
 from rosidl_py_gen.runtime import CallTimeoutError, SubscriptionEventCallbacks, WaitTimeoutError, qos
@@ -328,7 +328,7 @@ async def test_unreadable_definitions_of_other_distributions_are_logged(
     def fail(*_: object) -> None:
         raise DefinitionError.__new__(DefinitionError)
 
-    monkeypatch.setattr(from_description, "other_hashes", fail)
+    monkeypatch.setattr(type_loading, "other_hashes", fail)
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
