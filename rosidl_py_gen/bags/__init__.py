@@ -6,9 +6,12 @@ Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `
 from rosidl_py_gen.base.resources import missing_extra_message as _extra_missing
 from rosidl_py_gen.cdr.lazy import stub_exports
 
+# The modules of this package load late; packages of the extra are imported now, so that a missing one is reported here.
 try:
-    import mcap as _mcap  # noqa: F401  for the error
+    import mcap as _mcap  # noqa: F401
     import yaml as _yaml  # noqa: F401
+
+    from rosidl_py_gen.bags.storage import zstd as _zstd  # noqa: F401
 except ModuleNotFoundError as missing:
     raise _extra_missing(missing) or missing from None
 

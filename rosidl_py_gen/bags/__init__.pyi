@@ -20,11 +20,11 @@ from rosidl_py_gen.bags.definition_lookup import has_definition as has_definitio
 from rosidl_py_gen.bags.definition_lookup import mismatch_reason as mismatch_reason
 from rosidl_py_gen.bags.metadata import qos_profiles as qos_profiles
 from rosidl_py_gen.bags.metadata import qos_text as qos_text
+from rosidl_py_gen.bags.reader import find_all_channels as find_all_channels
 from rosidl_py_gen.bags.remote import has_colons_in_names as has_colons_in_names
 from rosidl_py_gen.bags.remote import is_url as is_url
 from rosidl_py_gen.bags.remote import unreachable_as_error as unreachable_as_error
 from rosidl_py_gen.bags.rewriting import BagCopy as BagCopy
-from rosidl_py_gen.bags.rewriting import find_all_channels as find_all_channels
 from rosidl_py_gen.bags.rewriting import has_attachments as has_attachments
 from rosidl_py_gen.bags.rewriting import omission_lines as omission_lines
 from rosidl_py_gen.bags.rewriting import reindex_file as reindex_file

@@ -34,13 +34,13 @@ from rosidl_py_gen.bags.metadata import (
 )
 from rosidl_py_gen.bags.reader import (
     BagReader,
+    find_all_channels,
     messages_as_stored,
     set_stated_metadata,
     stated_metadata,
     stored_channels,
     stored_files,
 )
-from rosidl_py_gen.bags.reader import find_all_channels as find_all_channels
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.storage.sqlite_file import JOURNALS, SqliteFile
 from rosidl_py_gen.bags.storage.storage_api import ReadingProgress, topics_by_name

@@ -53,4 +53,9 @@ def _exports(
         setattr(sys.modules[package], name, value)
         return value
 
-    return module_getattr, lambda: sorted({*vars(sys.modules[package]), *(homes if public is None else public)})
+    shown = homes.keys() if public is None else public
+
+    def module_dir() -> list[str]:
+        return sorted({*(vars(sys.modules[package]).keys() - homes.keys()), *shown})
+
+    return module_getattr, module_dir

@@ -24,7 +24,8 @@ def report(text: str) -> None:
     has_caret = len(rest) == 2 and rest[1].strip() == "^"
     lines = "\n    ".join(map(printable, (head, *rest))) if has_caret else printable_line(text)
     try:
-        is_red = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
+        # Consoles of Windows print escape sequences as text, unless a program has configured them.
+        is_red = os.name != "nt" and sys.stderr.isatty() and not os.environ.get("NO_COLOR")
     except (AttributeError, ValueError):  # a program has replaced or closed the stream
         is_red = False
     print(f"\x1b[31merror: {lines}\x1b[0m" if is_red else f"error: {lines}", file=sys.stderr, flush=True)

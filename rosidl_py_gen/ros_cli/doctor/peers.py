@@ -28,8 +28,32 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import Mismatch, Node, ParticipantInfo
 
+_VENDORS = {
+    1: "RTI Connext",
+    2: "OpenSplice",
+    3: "OpenDDS",
+    5: "InterCOM DDS",
+    6: "CoreDX",
+    10: "RTI Connext Micro",
+    15: "Fast DDS",
+    16: "Cyclone DDS",
+    17: "GurumDDS",
+    18: "RustDDS",
+}
+"""DDS implementations by second byte of the vendor id (dds-foundation.org, "DDS-RTPS vendor and product ids")."""
+_ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
+_ZENOH_ADVICE = "check that `rosidl-py zenoh-router` runs on each machine, and that the routers are connected"
+START_TIMEOUT_S = 20.0
+_DISCOVERY_TIMEOUT_S = 10.0
+_REPLY_TIMEOUT_S = 10.0
+_END_TIMEOUT_S = 2.0
+_MAX_NAMES = 20
+_MAX_MISMATCHES = 20
 _MAX_LIFETIME_S = 60
 """Maximum lifetime of the second process in seconds, which ends it if the command ``doctor`` was killed."""
+
+
+# ----------------------------------------------------------------------------------------------------------- self-test
 
 
 def topics(test_id: str) -> tuple[str, str]:
@@ -54,32 +78,6 @@ def start(domain_id: str, discovery: str, test_id: str) -> None:
     """Run the second process of the self-test with the arguments of its command line."""
     # SIGTERM ends `run` in order; peers would wait for acknowledgements of a killed process.
     run(asyncio.wait_for(main(int(domain_id), discovery, test_id), _MAX_LIFETIME_S))
-
-
-_VENDORS = {
-    1: "RTI Connext",
-    2: "OpenSplice",
-    3: "OpenDDS",
-    5: "InterCOM DDS",
-    6: "CoreDX",
-    10: "RTI Connext Micro",
-    15: "Fast DDS",
-    16: "Cyclone DDS",
-    17: "GurumDDS",
-    18: "RustDDS",
-}
-"""DDS implementations by second byte of the vendor id (dds-foundation.org, "DDS-RTPS vendor and product ids")."""
-_ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
-_ZENOH_ADVICE = "check that `rosidl-py zenoh-router` runs on each machine, and that the routers are connected"
-START_TIMEOUT_S = 20.0
-_DISCOVERY_TIMEOUT_S = 10.0
-_REPLY_TIMEOUT_S = 10.0
-_END_TIMEOUT_S = 2.0
-_MAX_NAMES = 20
-_MAX_MISMATCHES = 20
-
-
-# ----------------------------------------------------------------------------------------------------------- self-test
 
 
 class SelfTest:

@@ -112,6 +112,6 @@ def test_class_of_an_installed_package_needs_neither_lark_nor_cmake_modules() ->
     found = python(
         "import sys; from rosidl_py_gen import get_service\n"
         "get_service('example_interfaces/srv/AddTwoInts')\n"
-        "print([name for name in sys.modules if name == 'lark' or 'cmake' in name or 'idl_syntax' in name])"
+        "print([name for name in sys.modules if name == 'lark' or 'cmake' in name or 'idl_parser' in name])"
     )
     assert found == "[]\n"

@@ -26,7 +26,6 @@ from rosidl_py_gen.numpy import (
 )
 from rosidl_py_gen.ros_cli import demo as command
 from rosidl_py_gen.ros_cli.demo import robot
-from rosidl_py_gen.ros_cli.demo import robot as camera
 from rosidl_py_gen.ros_cli.demo.simulation import BODY_COLOR, BODY_RADIUS_M, BOXES, Body, World
 from rosidl_py_gen.runtime import Durability, GoalRejectedError, GoalStatus, QoSProfile
 from rosidl_py_gen.tf import TransformBuffer
@@ -210,13 +209,13 @@ def test_picture_has_boxes_where_they_stand() -> None:
     world = World()
     box = BOXES[5]
     body = Body((box.x_min + box.x_max) / 2, box.y_min - 1.0, math.pi / 2)  # one metre in front of its middle
-    picture = camera.render(world, body).astype(int)
+    picture = robot.render(world, body).astype(int)
     middle, ceiling, floor = picture[60, 80], picture[0, 80], picture[-1, 80]
     assert middle.argmax() == np.argmax(box.color) and not (middle == ceiling).all() and not (middle == floor).all()
     assert (picture[60, 75:85] == middle).all(axis=1).mean() > 0.5
     body.place(body.x, body.y, math.pi / 2)
     world.bodies += [body, Body(body.x, body.y + 0.5, 0.0)]
-    nearer = camera.render(world, body)
+    nearer = robot.render(world, body)
     assert nearer[60, 80].min() > 0.8 * min(BODY_COLOR)
 
 
@@ -226,7 +225,7 @@ async def test_without_pillow_compressed_images_are_omitted_with_a_note(
     def missing(*_: Any, **__: Any) -> None:
         raise ExtraMissingError("needs Pillow: pip install x")
 
-    monkeypatch.setattr(camera, "array_to_compressedimage", missing)
+    monkeypatch.setattr(robot, "array_to_compressedimage", missing)
     process = await tool.start("demo", "--count", "2", "--duration", "1")
     await asyncio.sleep(0.5)
     topics = dict(node.get_topic_names_and_types())

@@ -22,7 +22,7 @@ from rosidl_py_gen import get_action, get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.ros_cli import graph as graph_module
-from rosidl_py_gen.ros_cli import tf as tree
+from rosidl_py_gen.ros_cli import tf as tf_module
 from rosidl_py_gen.ros_cli.graph import Edge, Picture
 from rosidl_py_gen.ros_cli.tf import png
 from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
@@ -370,17 +370,17 @@ def frame_statistics(transforms: list[Any]) -> FrameStatistics:
 def test_tf_tree_escapes_frame_names_in_every_format(tmp_path: Path) -> None:
     frames = frame_statistics([moved("map", EVIL_FRAME), moved(EVIL_FRAME, "x" * 300)])
     label = r"(?:[A-Za-z0-9_/ .,()-]|#\d+;)*"
-    first, *lines = tree.mermaid(frames, {"peer": EVIL_FRAME}).splitlines()
+    first, *lines = tf_module.mermaid(frames, {"peer": EVIL_FRAME}).splitlines()
     form = rf'  f\d+(?:\["{label}"\]| -->\|"{label}"\| f\d+)'
     assert first == "flowchart TD" and [line for line in lines if not re.fullmatch(form, line)] == []
-    assert tree.document(frames, {"peer": EVIL_FRAME})["frames"][0]["frame"] == EVIL_FRAME
+    assert tf_module.document(frames, {"peer": EVIL_FRAME})["frames"][0]["frame"] == EVIL_FRAME
     png.write_picture(frames, {"peer": EVIL_FRAME}, tmp_path / "evil.png")
 
 
 @pytest.mark.slow
 def test_very_deep_and_very_wide_trees_have_limited_output(tmp_path: Path) -> None:
     deep = frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(3000)])
-    shown = [line for line, _ in tree.lines(deep, {})]
+    shown = [line for line, _ in tf_module.lines(deep, {})]
     assert len(shown) == 3001 and max(map(len, shown)) < 250
     png.write_picture(
         frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png"

@@ -11,7 +11,7 @@ import pytest
 from support.interface_packages import write
 
 from rosidl_py_gen.base.distributions import DistributionChoice
-from rosidl_py_gen.compiler.frontend import search_path as workspaces
+from rosidl_py_gen.compiler.frontend import search_path
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.type_loading import scan_cache
@@ -201,7 +201,7 @@ def test_concurrent_searches_may_write_the_cache(tmp_path: Path) -> None:
 
 def test_cached_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace_packages(_workspace(tmp_path))
-    monkeypatch.setattr(workspaces, "note", lambda folder: pytest.fail("walked"))
+    monkeypatch.setattr(search_path, "note", lambda folder: pytest.fail("walked"))
     assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "robot"}
 
 

@@ -20,7 +20,7 @@ from support.waiting import take, until
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.command_support import graph_lookup
-from rosidl_py_gen.ros_cli import values as stdin
+from rosidl_py_gen.ros_cli import values
 from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics, report_text
 from rosidl_py_gen.runtime import Node, QoSProfile
 
@@ -455,7 +455,7 @@ def test_a_thread_that_reads_on_after_cancellation_reads_no_other_file(
         return reads[-1]
 
     async def first_document() -> str:
-        async with aclosing(stdin.documents()) as documents:
+        async with aclosing(values.documents()) as documents:
             return await anext(documents)
 
     monkeypatch.setattr(os, "read", late_read)

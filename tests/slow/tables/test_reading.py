@@ -288,7 +288,7 @@ def test_image_data_is_read_as_binary_in_bounded_memory(tmp_path: Path) -> None:
 
 
 def test_error_without_pyarrow_contains_the_install_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.tables.")]:
+    for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.tables")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     error_text = r"needs pyarrow, which is not installed: pip install .*\[tables\]"

@@ -13,7 +13,7 @@ from support import raw_endpoints
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen import compile_definition, get_message, type_description, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_description, type_hash, type_loading
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.message import TypeInfo
 from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
@@ -247,8 +247,14 @@ async def test_first_type_description_request_does_not_import_the_compiler(
 ) -> None:
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
+<<<<<<< HEAD
     for name in ("rosidl_py_gen.type_loading", "rosidl_py_gen.type_loading.class_lookup"):
         monkeypatch.setitem(sys.modules, name, None)  # importing it fails from here on
+=======
+    monkeypatch.setitem(sys.modules, "rosidl_py_gen.type_loading.class_lookup", None)  # importing it fails from here on
+    for name in [name for name in vars(type_loading) if not name.startswith("_")]:
+        monkeypatch.delattr(type_loading, name)  # its modules are imported again at the next use
+>>>>>>> go-rb
     for cls in (Foo, Log, GetParameters):
         await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 
