@@ -169,6 +169,7 @@ def sql(
     import atexit
     import gc
 
+    require_modules("pyarrow")  # its extra has what bags need, too
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
     from rosidl_py_gen.tables import Database, is_dataset, names_of, topics_in
 

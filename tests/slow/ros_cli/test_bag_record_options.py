@@ -39,7 +39,7 @@ Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 IsPaused: Any = compile_definition("rosbag2_interfaces/srv/IsPaused", ROSBAG2_SERVICES["is_paused"])
 LATCHED = QoSProfile(depth=100).transient_local()
 WAITING_BYTES = 200
-"""What a retained message counts in addition to its data."""
+"""Bytes that a retained message counts in addition to its data."""
 
 
 @dataclass(frozen=True)
