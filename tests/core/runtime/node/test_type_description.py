@@ -13,7 +13,7 @@ from support import raw_endpoints
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen import compile_definition, get_message, type_description, type_hash, type_loading
+from rosidl_py_gen import compile_definition, get_message, type_description, type_hash
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.message import TypeInfo
 from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
