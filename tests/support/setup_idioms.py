@@ -591,8 +591,9 @@ class Installer:
             for name in names:
                 path = Path(place, name)
                 relative = str(path.relative_to(out / "prefix"))
-                found[relative] = "" if is_program(relative) else path.read_text()
-        return {path: text for path, text in found.items() if is_compared(path)}
+                if is_compared(relative):
+                    found[relative] = "" if is_program(relative) else path.read_text()
+        return found
 
     def close(self) -> None:
         self._process.stdin.close()
