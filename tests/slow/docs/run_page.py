@@ -35,6 +35,8 @@ TIMEOUT_S = float(os.environ.get("PAGE_TIMEOUT_S", "30"))
 """Seconds that a command may take, or an output may need to appear."""
 PAGE_LIMIT_S = 200.0
 """After this the page is given up and its processes are killed, before `run_page` of conftest.py gives up."""
+_WAITS = b" does not appear to be published yet; waiting for it\n"
+"""End of a note that a command prints if it was faster than the program that the page has started before."""
 _UNTIL_CTRL_C, _LEAVE_RUNNING = "# until Ctrl-C", "# leave it running"
 _PROGRAM = re.compile(r"^(?:run|spin)\(|_sync\(|LoopRunner\(|install_import_hook\(", re.MULTILINE)
 _TABS = {"asyncio": "python", "Blocking": "python", "rclpy": "rosidl-py run"}
@@ -66,7 +68,8 @@ class Started:
     async def _read(self) -> None:
         assert self.process.stdout is not None
         async for line in self.process.stdout:
-            self.output.write(line.decode())
+            if not line.endswith(_WAITS):
+                self.output.write(line.decode())
 
     async def first_line(self) -> None:
         """Wait until a program that prints has printed a line; raises if it never does."""
