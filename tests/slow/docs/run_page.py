@@ -35,7 +35,7 @@ TIMEOUT_S = float(os.environ.get("PAGE_TIMEOUT_S", "30"))
 """Seconds that a command may take, or an output may need to appear."""
 PAGE_LIMIT_S = 200.0
 """After this the page is given up and its processes are killed, before `run_page` of conftest.py gives up."""
-_WAITS = b" does not appear to be published yet; waiting for it\n"
+_WAITS = b"; waiting for it\n"
 """End of a note that a command prints if it was faster than the program that the page has started before."""
 _UNTIL_CTRL_C, _LEAVE_RUNNING = "# until Ctrl-C", "# leave it running"
 _PROGRAM = re.compile(r"^(?:run|spin)\(|_sync\(|LoopRunner\(|install_import_hook\(", re.MULTILINE)
