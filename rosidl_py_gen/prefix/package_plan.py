@@ -16,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.names import is_package_name
+from rosidl_py_gen.base.names import PACKAGE_NAME
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend import (
     UNKNOWN,
@@ -207,7 +207,9 @@ class PackagePlan:
         return None
 
     def _add_interfaces(self) -> None:
-        if not is_package_name(self.name) or not (holds_interfaces(self._folder) or mentions_interfaces(self._folder)):
+        if not PACKAGE_NAME.allows(self.name) or not (
+            holds_interfaces(self._folder) or mentions_interfaces(self._folder)
+        ):
             return
         found = Package(self.name, self._folder, "", from_source=True).files
         places = {f"{interface.kind}/{path.name}": path for interface, path in found.items()}

@@ -13,6 +13,7 @@ from rosidl_py_gen.compiler.frontend.interface_parser import separators as separ
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem as LiteralProblem
 from rosidl_py_gen.compiler.frontend.literal_values import file_scalar as file_scalar
 from rosidl_py_gen.compiler.frontend.literal_values import split_strings as split_strings
+from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME as CONSTANT_NAME
 from rosidl_py_gen.compiler.frontend.model import DERIVED_TYPES_PACKAGES as DERIVED_TYPES_PACKAGES
 from rosidl_py_gen.compiler.frontend.model import ActionDef as ActionDef
 from rosidl_py_gen.compiler.frontend.model import ConstantDef as ConstantDef
@@ -20,6 +21,7 @@ from rosidl_py_gen.compiler.frontend.model import FieldDef as FieldDef
 from rosidl_py_gen.compiler.frontend.model import MessageDef as MessageDef
 from rosidl_py_gen.compiler.frontend.model import ServiceDef as ServiceDef
 from rosidl_py_gen.compiler.frontend.model import SourceText as SourceText
+from rosidl_py_gen.compiler.frontend.model import is_interface_name as is_interface_name
 from rosidl_py_gen.compiler.frontend.model import messages_of as messages_of
 from rosidl_py_gen.compiler.frontend.model import nested_types as nested_types
 from rosidl_py_gen.compiler.frontend.model import sections_of as sections_of

@@ -7,12 +7,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, NameRule, RosName
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
@@ -26,6 +27,14 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 """Name suffixes of the messages that an interface file defines, by kind (msg, srv, action)."""
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
+FIELD_NAME = PACKAGE_NAME
+"""Rule for names of fields, which is the same as for packages."""
+CONSTANT_NAME = NameRule(
+    # Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
+    re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII),
+    "upper case letters, digits and single underscores, a letter first, no underscore last",
+)
+_DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
 _UUID = "unique_identifier_msgs/msg/UUID"
 _TIME = "builtin_interfaces/msg/Time"
 _INFO = "service_msgs/msg/ServiceEventInfo"
@@ -207,6 +216,14 @@ class Diagnostics:
     def is_full(self, location: Location) -> bool:
         """Return True if the location's file has so many diagnostics that further ones are dropped."""
         return self._counts.get(location.source.path, 0) > MAX_PROBLEMS
+
+
+def is_interface_name(text: str) -> bool:
+    """Return True for a valid file stem of an interface; a prefix ``Sample_`` and one derived suffix are allowed."""
+    text = text.removeprefix("Sample_")
+    for suffix in _DERIVED_SUFFIXES:
+        text = text.removesuffix(suffix)
+    return INTERFACE_NAME.allows(text)
 
 
 def derived_name(name: RosName, suffix: str) -> RosName:

@@ -21,7 +21,7 @@ from rosidl_py_gen.base.descriptions import (
     individual_descriptions,
     service_rows,
 )
-from rosidl_py_gen.base.names import INTERFACE_RULE, KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.names import INTERFACE_NAME, KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import (
@@ -90,7 +90,7 @@ class InterfaceRegistry:
             path = self.search.file(name)
             source = read_source(path, display_path(path), self.diagnostics) if path else None
             if source is not None and not may_be_file(name):
-                text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
+                text = f'"{name.name}" is not an interface name; expected {INTERFACE_NAME}'
                 self.diagnostics.add(Location(source, 1, 1), text)
                 source = None
             self._store(name, parse_interface(name, source, self.diagnostics) if source else None)
