@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen.base.descriptions import Description, FieldRow, action_rows, build_type_description, service_rows
+from rosidl_py_gen.base.descriptions import Description, FieldRow, TypeDescriptions, action_rows, service_rows
 from rosidl_py_gen.cdr.message import ACTION_CLASSES, SERVICE_CLASSES, Action, Message, Service
 from rosidl_py_gen.errors import TypeNotFoundError
 
@@ -54,7 +54,7 @@ def type_description(subject: object) -> Description:
             return [(field.ros_name, field.type, info.defaults.get(field.ros_name, "")) for field in info.fields]
         return list(service_rows(full_name) if issubclass(cls, Service) else action_rows(full_name))
 
-    return build_type_description(name, rows)
+    return TypeDescriptions(rows).of(name)
 
 
 def referenced_classes(subject: object) -> dict[str, type]:

@@ -14,7 +14,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base import resources
-from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name, snake_case
 from rosidl_py_gen.base.resources import GENERATED_HEADER
@@ -358,7 +357,7 @@ def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict
     table = "(\n" + "".join(f"        {row},\n" for row in rows) + "    )" if rows else "()"
     # As in a type description (docs/internals/protocol.md 3.4).
     explicit = (item for item in message.fields if item.default is not None)
-    defaults = [f"{py_string(item.name)}: {py_string(default_text(item.default))}" for item in explicit]
+    defaults = [f"{py_string(item.name)}: {py_string(item.default_text)}" for item in explicit]
     arguments = [f'"{message.name}"', f'"{digest}"', table, *(["{" + ", ".join(defaults) + "}"] if defaults else [])]
     lines = "".join(f"    {argument},\n" for argument in arguments)
     return f"{imports.use(_CDR, 'TypeInfo')}(\n{lines})"

@@ -10,7 +10,6 @@ from __future__ import annotations
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import RosName, split_ros_name
 from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME, FIELD_NAME, FieldDef, MessageDef, sections_of
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
@@ -118,7 +117,7 @@ def _msg_lines(message: MessageDef) -> Iterator[tuple[str, FieldDef | None]]:
         yield f"# {text}".rstrip(), None
     for constant in message.constants:
         yield from _comment(constant)
-        yield f"{constant.type} {constant.name}={default_text(constant.value)}", None
+        yield f"{constant.type} {constant.name}={constant.value_text}", None
     for item in message.fields:
         yield from _comment(item)
         value = list(item.default) if isinstance(item.default, tuple) else item.default

@@ -111,6 +111,11 @@ class FieldDef(NamedTuple):
     unit: str
     location: Location
 
+    @property
+    def default_text(self) -> str:
+        """Default value as text for a type description; "" without a default (docs/internals/protocol.md 3.4)."""
+        return "" if self.default is None else _value_text(self.default)
+
 
 class ConstantDef(NamedTuple):
     """Definition of a constant, whose type is a primitive or an unbounded string."""
@@ -121,6 +126,10 @@ class ConstantDef(NamedTuple):
     comment: tuple[str, ...]
     unit: str
     location: Location
+
+    @property
+    def value_text(self) -> str:
+        return _value_text(self.value)
 
 
 class MessageDef(NamedTuple):
@@ -216,6 +225,10 @@ class Diagnostics:
     def is_full(self, location: Location) -> bool:
         """Return True if the location's file has so many diagnostics that further ones are dropped."""
         return self._counts.get(location.source.path, 0) > MAX_PROBLEMS
+
+
+def _value_text(value: Default) -> str:
+    return value if isinstance(value, str) else repr(value)
 
 
 def is_interface_name(text: str) -> bool:

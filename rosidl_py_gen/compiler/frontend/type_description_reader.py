@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 
-from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description, individual_description
+from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, STRINGS, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
@@ -167,8 +167,8 @@ class _RaiseOnFirst(Diagnostics):
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:
-    rows = [(item.name, item.type, "") for item in message.fields]
-    return _fields_of(individual_description(str(message.name), rows))
+    rows = [(item.name, item.type) for item in message.fields] or [EMPTY_MESSAGE]
+    return [(name, kind.description()) for name, kind in rows]
 
 
 def _fields_of(one: Description | None) -> list[tuple[object, object]]:
@@ -195,7 +195,7 @@ class _DescriptionConverter:
             raise _problem(name, "expected at least one field, found none")
         if len({py_name(item.name) for item in fields}) < len(fields):
             raise _problem(name, "two fields have the same name")
-        if [(item.name, item.type) for item in fields] == [EMPTY_MESSAGE[0][:2]]:
+        if [(item.name, item.type) for item in fields] == [EMPTY_MESSAGE]:
             fields = ()
         return MessageDef(split_ros_name(name), fields, (), (), source)
 
