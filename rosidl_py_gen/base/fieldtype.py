@@ -72,6 +72,9 @@ class Arity(Enum):
     UNBOUNDED = 144
 
 
+_TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCII)
+
+
 @dataclass(frozen=True, slots=True)
 class FieldType:
     """Type of one message field.
@@ -87,6 +90,22 @@ class FieldType:
     arity: Arity = Arity.SCALAR
     capacity: int = 0
     string_bound: int = 0
+
+    @staticmethod
+    @lru_cache(maxsize=4096)
+    def parse(text: str) -> FieldType:
+        """Return the field type whose text, ``str(FieldType)``, a generated class contains.
+
+        The text is trusted, so it is not checked.
+        """
+        match = _TEXT.match(text)
+        assert match is not None, text
+        base, bound, upper, size = match.groups()
+        string_bound = int(bound or 0)
+        if size is None:
+            return FieldType(base, string_bound=string_bound)
+        arity = Arity.BOUNDED if upper else Arity.ARRAY if size else Arity.UNBOUNDED
+        return FieldType(base, arity, int(size or 0), string_bound)
 
     @property
     def is_message(self) -> bool:
@@ -132,22 +151,3 @@ class FieldType:
             "string_capacity": self.string_bound,
             "nested_type_name": self.base if self.is_message else "",
         }
-
-
-_TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCII)
-
-
-@lru_cache(maxsize=4096)
-def parse_field_type(text: str) -> FieldType:
-    """Return the field type whose text, ``str(FieldType)``, a generated class contains.
-
-    The text is trusted, so it is not checked.
-    """
-    match = _TEXT.match(text)
-    assert match is not None, text
-    base, bound, upper, size = match.groups()
-    string_bound = int(bound or 0)
-    if size is None:
-        return FieldType(base, string_bound=string_bound)
-    arity = Arity.BOUNDED if upper else Arity.ARRAY if size else Arity.UNBOUNDED
-    return FieldType(base, arity, int(size or 0), string_bound)

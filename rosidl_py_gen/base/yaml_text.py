@@ -47,7 +47,7 @@ _MAX_DIRECTIVES = 20
 UNTAGGED = "!untagged"
 """Tag that `compose_yaml` gives to scalars without a tag; their `style` tells plain, quoted and block scalars apart."""
 _TAG = "tag:yaml.org,2002:"
-STRING = f"{_TAG}str"
+_STRING = f"{_TAG}str"
 _INT, _FLOAT = f"{_TAG}int", f"{_TAG}float"
 _MERGE = f"{_TAG}merge"
 _DIRECTIVE = re.compile("(?:^|[\r\n\x85\u2028\u2029])%TAG")
@@ -270,6 +270,6 @@ def _checked_events(text: str, loader: Any, max_levels: int) -> Iterator[yaml.Ev
 
 
 def _as_text(key: yaml.Node) -> yaml.Node:
-    if not isinstance(key, yaml.ScalarNode) or key.tag == STRING:
+    if not isinstance(key, yaml.ScalarNode) or key.tag == _STRING:
         return key
-    return yaml.ScalarNode(STRING, key.value, key.start_mark, key.end_mark)
+    return yaml.ScalarNode(_STRING, key.value, key.start_mark, key.end_mark)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine
 
     from rosidl_py_gen import Message
-    from rosidl_py_gen.cdr.message import Field
+    from rosidl_py_gen.cdr import Field
 
 K = TypeVar("K")
 
