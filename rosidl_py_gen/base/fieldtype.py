@@ -116,6 +116,21 @@ class FieldType:
         return self.base in STRINGS
 
     @property
+    def is_sequence(self) -> bool:
+        """True for bounded and unbounded sequences, whose number of elements varies."""
+        return self.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
+
+    @property
+    def fixed_count(self) -> int:
+        """Number of elements of an array, and 1 for a single value."""
+        return self.capacity if self.arity is Arity.ARRAY else 1
+
+    @property
+    def has_fixed_size(self) -> bool:
+        """True if the size of a field does not depend on its value; the sizes of nested messages are ignored."""
+        return not (self.is_string or self.is_sequence)
+
+    @property
     def primitive(self) -> Primitive | None:
         return PRIMITIVES.get(self.base)
 
