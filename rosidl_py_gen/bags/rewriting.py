@@ -169,6 +169,10 @@ class BagCopy:
             self.omitted["unknown_tables"] += file.unknown_tables()
         self.omitted = +(self.omitted + writer._omitted)
 
+    def omission_lines(self) -> list[str]:
+        """Return lines of text for the user, one for each reason, about what the copy does not contain."""
+        return _omission_lines(self.omitted)
+
     def _pass_on_metadata(self) -> None:
         """Pass the recorder's profile and distribution, and the user's custom data, from the old bags to the writer of
         the new bag.
@@ -356,8 +360,7 @@ def _with_definition(channel: BagTopic, known: BagTopic) -> BagTopic:
     )
 
 
-def omission_lines(omitted: Mapping[str, int]) -> list[str]:
-    """Return lines of text for the user, one for each reason, about what the copy of a bag does not contain."""
+def _omission_lines(omitted: Mapping[str, int]) -> list[str]:
     lines = []
     groups: dict[str, list[str]] = {}
     for kind in _KINDS:
@@ -420,6 +423,10 @@ class Reindexed(NamedTuple):
     damaged: tuple[DamagedPart, ...]
     unread_bytes: int
     omitted: Counter[str]
+
+    def omission_lines(self) -> list[str]:
+        """Return lines of text for the user, one for each reason, about what the repaired files do not contain."""
+        return _omission_lines(self.omitted)
 
 
 OnProgress: TypeAlias = "Callable[[int, int], object]"
@@ -607,17 +614,21 @@ def _needs_repair(reader: BagReader) -> bool:
     return not reader.has_index or any(file.has_journal for file in stored_files(reader))
 
 
-def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reindexed:
-    """Write ``metadata.yaml`` for the bag files in a folder, in the order of the numbers in their names.
+def reindex(path: Path, on_progress: OnProgress | None = None) -> Reindexed:
+    """Repair a bag folder or a bag file.
 
     Files without an index, with damaged parts or with a journal are rewritten; the old file gets the ending
-    ``.unindexed``.
+    ``.unindexed``. A folder gets a ``metadata.yaml`` for its bag files, in the order of the numbers in their names.
 
     Raises:
         BagError: the folder has no bag files, files of several storages or compressions, or one that is damaged beyond
-            reading; nothing is changed then.
+            reading; or the file needs no repair, or is damaged beyond reading. Nothing is changed then.
         OSError: a file cannot be read or written.
     """
+    return _reindex_folder(path, on_progress) if path.is_dir() else _reindex_file(path, on_progress)
+
+
+def _reindex_folder(folder: Path, on_progress: OnProgress | None) -> Reindexed:
     files = sorted(bag_files(folder), key=_file_number)
     storage = _single_kind(folder, {_STORAGES[Path(file.name.removesuffix(SUFFIX)).suffix] for file in files})
     kinds = {file: kind for file in files if (kind := compression_of(file)) is not None}
@@ -664,13 +675,7 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
     )
 
 
-def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed:
-    """Rewrite a bag file that has no index, damaged parts or a journal; rename the old one to ``FILE.unindexed``.
-
-    Raises:
-        BagError: the file needs no repair, or is damaged beyond reading.
-        OSError: a file cannot be read or written.
-    """
+def _reindex_file(file: Path, on_progress: OnProgress | None) -> Reindexed:
     size = file.stat().st_size if file.exists() else 0
     progress = ReadingProgress(on_progress)
     progress.total = size

@@ -18,10 +18,9 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from collections import Counter
     from collections.abc import Iterator, Mapping
 
-    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
 
 _HINT = "select topics with rosidl-py bag convert --topics"
 _MAX_OFFSET_S = 1 << 33
@@ -67,7 +66,7 @@ def merge(
     rosidl-py bag merge both robot.mcap laptop.mcap --offset laptop.mcap=-1.25
     """
     shifts = _offsets_ns(bags, offsets)
-    from rosidl_py_gen.bags import find_all_channels, has_attachments, omission_lines
+    from rosidl_py_gen.bags import find_all_channels, has_attachments
     from rosidl_py_gen.ros_cli.bag.convert import new_bag
     from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag
 
@@ -80,7 +79,7 @@ def merge(
             if shift and has_attachments(reader):
                 terminal_output.note(f"{reader.path}: attachments keep their times; --offset is for messages")
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
-            count, omitted = _merge(readers, writer, shifts, channels)
+            count, copy = _merge(readers, writer, shifts, channels)
         damaged = [part for reader in readers for part in reader.damaged]
         topics = len({name for reader in readers for name in reader.topics})
         unread_bytes = sum(reader.unread_bytes for reader in readers)
@@ -93,11 +92,11 @@ def merge(
                 "topics": topics,
                 "damaged": damaged_rows(damaged),
                 "unread_bytes": unread_bytes,
-                "not_carried_over": dict(omitted),
+                "not_carried_over": dict(copy.omitted),
             }
         )
     else:
-        for line in omission_lines(omitted):
+        for line in copy.omission_lines():
             terminal_output.note(line)
         counts = f"{pluralize(count, 'message')} of {pluralize(topics, 'topic')}"
         terminal_output.line(f"{counts} of {pluralize(len(bags), 'bag')} in {output}")
@@ -138,11 +137,8 @@ def _merge(
     writer: BagWriter | SqliteWriter,
     offsets_ns: Sequence[int],
     channels: Sequence[Mapping[tuple[str, ...], BagTopic]],
-) -> tuple[int, Counter[str]]:
-    """Merge the bags.
-
-    Returns the number of messages, and numbers of things that the merged bag cannot store, by kind.
-    """
+) -> tuple[int, BagCopy]:
+    """Merge the bags; return the number of messages, and the completed copy, which counts what the bag cannot store."""
     from rosidl_py_gen.bags import BagCopy
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
@@ -163,7 +159,7 @@ def _merge(
             writer.write_raw(message, known[id(channel)][1])
             count += 1
     copy.end()
-    return count, copy.omitted
+    return count, copy
 
 
 def _in_time(number: int, reader: BagReader, offset_ns: int) -> Iterator[tuple[int, int, RawMessage | None]]:

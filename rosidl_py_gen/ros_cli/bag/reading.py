@@ -15,7 +15,7 @@ from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from rosidl_py_gen.bags import described, has_definition, mismatch_reason
+from rosidl_py_gen.bags import described, mismatch_reason
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -212,7 +212,7 @@ def channels_with_definitions(
             unknown.append((channel, reason))
             continue
         channels[channel.key] = described(channel, known)
-        if has_definition(channels[channel.key]):
+        if channels[channel.key].definition:
             guessed.add(f"{channel.type_name} from {known.origin}")
     _require_known(reader, unknown, keeps_unknown, hint)
     if guessed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
@@ -171,7 +171,7 @@ def sql(
 
     require_modules("pyarrow")  # its extra has what bags need, too
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
-    from rosidl_py_gen.tables import Database, is_dataset, names_of, topics_in
+    from rosidl_py_gen.tables import Database, find_sources
 
     query, bags = _query_and_bags(words)
     if as_json and form not in (None, "json"):
@@ -184,21 +184,14 @@ def sql(
         raise CommandError(f"{output} exists already")
     with ExitStack() as stack:
         base = stack.enter_context(Database(memory_limit))
-        places = [*_expanded(bags)]
-        datasets = [path for path in places if is_dataset(path)]
-        names = names_of(path for path in places if path not in datasets)
+        names, datasets = find_sources(bags)
         readers = {
             name: stack.enter_context(opened_bag(path, search_path=paths, skip_damaged=skips))
             for name, path in names.items()
         }
-        topics = {topic for reader in readers.values() for topic in reader.topics}
-        queried = {*topics_in(query, [*topics])}
-        total = sum(
-            topic.count or 0 for one in readers.values() for name, topic in one.topics.items() if name in queried
-        )
         with ProgressBar("messages") as show:
             on_error = "skip" if skips else "raise"
-            left_out = base.add(query, readers, datasets, on_error=on_error, progress=lambda done: show(done, total))
+            left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
         for topic, reason in left_out.items():
             terminal_output.note(f"skipped {topic}: {reason}")
         _print_result(base.run(query), form, output)
@@ -217,20 +210,6 @@ def _is_query(word: str) -> bool:
     from rosidl_py_gen.bags import is_url
 
     return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
-
-
-def _expanded(bags: Iterable[str]) -> Iterator[str]:
-    from rosidl_py_gen.bags import BagError, is_url
-    from rosidl_py_gen.tables import find_bags
-
-    for bag in bags:
-        if not is_url(bag) and os.path.exists(bag):
-            yield bag
-            continue
-        sources, failed = find_bags([bag])
-        for reason in failed.values():
-            raise BagError(reason)
-        yield from (one.place for one in sources)
 
 
 def _format_of(output: str | None) -> str:
