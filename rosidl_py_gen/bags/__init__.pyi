@@ -18,12 +18,11 @@ from rosidl_py_gen.bags.definition_lookup import described as described
 from rosidl_py_gen.bags.definition_lookup import mismatch_reason as mismatch_reason
 from rosidl_py_gen.bags.metadata import qos_profiles as qos_profiles
 from rosidl_py_gen.bags.metadata import qos_text as qos_text
-from rosidl_py_gen.bags.reader import find_all_channels as find_all_channels
 from rosidl_py_gen.bags.remote import has_colons_in_names as has_colons_in_names
 from rosidl_py_gen.bags.remote import is_url as is_url
 from rosidl_py_gen.bags.remote import unreachable_as_error as unreachable_as_error
 from rosidl_py_gen.bags.rewriting import BagCopy as BagCopy
-from rosidl_py_gen.bags.rewriting import has_attachments as has_attachments
+from rosidl_py_gen.bags.rewriting import SourceBag as SourceBag
 from rosidl_py_gen.bags.rewriting import reindex as reindex
 from rosidl_py_gen.bags.storage.storage_api import BagChannel as BagChannel
 from rosidl_py_gen.bags.storage.storage_api import MessageBlock as MessageBlock

@@ -21,7 +21,7 @@ from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+    from rosidl_py_gen.bags import BagCopy, BagTopic, BagWriter, RawMessage, SourceBag, SqliteWriter
     from rosidl_py_gen.ros_cli.bag.reading import BagSelection
 
 
@@ -60,11 +60,9 @@ def convert(
     rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
-    from rosidl_py_gen.bags import find_all_channels
-    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag, select_part
+    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_source, select_part
 
-    with opened_bag(path, search_path=paths) as reader:
-        find_all_channels(reader)
+    with opened_source(path, paths) as reader:
         part = select_part(reader, topics, offset_s, duration_s)
         channels = channels_with_definitions(reader, part.topics, without_definitions)
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
@@ -118,7 +116,7 @@ def new_bag(
 
 
 def copy_bag(
-    reader: BagReader,
+    reader: SourceBag,
     writer: BagWriter | SqliteWriter,
     selection: BagSelection,
     channels: Mapping[tuple[str, ...], BagTopic],

@@ -20,7 +20,7 @@ from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, BagWriter, RawMessage, SourceBag, SqliteWriter
 
 _HINT = "select topics with rosidl-py bag convert --topics"
 _MAX_OFFSET_S = 1 << 33
@@ -66,17 +66,15 @@ def merge(
     rosidl-py bag merge both robot.mcap laptop.mcap --offset laptop.mcap=-1.25
     """
     shifts = _offsets_ns(bags, offsets)
-    from rosidl_py_gen.bags import find_all_channels, has_attachments
     from rosidl_py_gen.ros_cli.bag.convert import new_bag
-    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag
+    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_source
 
     with ExitStack() as stack:
-        readers = [stack.enter_context(opened_bag(bag, search_path=paths)) for bag in bags]
+        readers = [stack.enter_context(opened_source(bag, paths)) for bag in bags]
         channels = []
         for reader, shift in zip(readers, shifts, strict=True):
-            find_all_channels(reader)
             channels.append(channels_with_definitions(reader, [*reader.topics], without_definitions, _HINT))
-            if shift and has_attachments(reader):
+            if shift and reader.has_attachments():
                 terminal_output.note(f"{reader.path}: attachments keep their times; --offset is for messages")
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
             count, copy = _merge(readers, writer, shifts, channels)
@@ -133,7 +131,7 @@ def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
 
 
 def _merge(
-    readers: Sequence[BagReader],
+    readers: Sequence[SourceBag],
     writer: BagWriter | SqliteWriter,
     offsets_ns: Sequence[int],
     channels: Sequence[Mapping[tuple[str, ...], BagTopic]],

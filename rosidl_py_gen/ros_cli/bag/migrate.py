@@ -103,16 +103,14 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags import find_all_channels
     from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
-    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part
+    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_source, select_part
     from rosidl_py_gen.ros_cli.bag.yaml_files import read_rules
 
     copy: BagCopy | None = None
     rules = read_rules(rules_file) if rules_file else MigrationRules()
-    with opened_bag(path, search_path=old_paths) as reader:
-        find_all_channels(reader)
+    with opened_source(path, old_paths) as reader:
         selection = select_part(reader, topics, 0.0, None)
         planned = _plan_topics(reader, selection.topics, paths, rules)
         _warn_unused_rules(rules, planned)

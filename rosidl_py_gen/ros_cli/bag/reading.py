@@ -25,7 +25,7 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, DamagedPart, TopicDefinition
+    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, DamagedPart, SourceBag, TopicDefinition
 
 T = TypeVar("T")
 
@@ -129,6 +129,17 @@ def opened_bag(path: str, *, search_path: Sequence[str] = (), skip_damaged: bool
 
     with ProgressBar("bytes") as show:
         reader = BagReader(path, search_path=search_path, skip_damaged=skip_damaged, on_progress=show)
+    with reader:
+        yield reader
+
+
+@contextmanager
+def opened_source(path: str, search_path: Sequence[str]) -> Iterator[SourceBag]:
+    """Open a bag that is copied and yield its reader; damaged parts are skipped."""
+    from rosidl_py_gen.bags import SourceBag
+
+    with ProgressBar("bytes") as show:
+        reader = SourceBag(path, search_path=search_path, on_progress=show)
     with reader:
         yield reader
 
