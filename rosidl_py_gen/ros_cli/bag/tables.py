@@ -17,7 +17,7 @@ from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.tables import DatasetsReport, Result
+    from rosidl_py_gen.tables import Database, DatasetsReport
 
 
 @click.command("table", cls=options.MultiValueCommand)
@@ -194,7 +194,7 @@ def sql(
             left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
         for topic, reason in left_out.items():
             terminal_output.note(f"skipped {topic}: {reason}")
-        _print_result(base.run(query), form, output)
+        _print_result(base, query, form, output)
     return DAMAGED if any(one.damaged for one in readers.values()) else 0
 
 
@@ -221,7 +221,8 @@ def _format_of(output: str | None) -> str:
     return suffix
 
 
-def _print_result(result: Result, form: str, output: str | None) -> None:
+def _print_result(base: Database, query: str, form: str, output: str | None) -> None:
+    result = base.run(query)
     if output is not None:
         if form == "table":
             raise CommandError("--format table cannot be written to a file; expected csv, json or parquet")
