@@ -22,7 +22,7 @@ from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.migration import MessagePlan, MigrationRules
+    from rosidl_py_gen.ros_cli.bag.migration import MessagePlan, MigrationRules
 
 
 @dataclass(slots=True)
@@ -105,8 +105,8 @@ def migrate(
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
     from rosidl_py_gen.bags import find_all_channels, omission_lines
-    from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part
     from rosidl_py_gen.ros_cli.bag.yaml_files import read_rules
 
@@ -174,7 +174,7 @@ def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
     """Return the conversion of each selected channel, by channel key; all failures are raised in one `CommandError`."""
-    from rosidl_py_gen.compiler.migration import MigrationError
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationError
 
     definitions = _NewDefinitions(paths)
     problems: list[str] = []
@@ -194,7 +194,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
-    from rosidl_py_gen.compiler.migration import fields_of, message_converter, plan
+    from rosidl_py_gen.ros_cli.bag.migration import fields_of, message_converter, plan
     from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch
 
     if channel.message_encoding != "cdr":
