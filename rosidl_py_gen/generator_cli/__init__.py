@@ -217,14 +217,12 @@ def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, a
     """Install or uninstall (`action`) message packages in this Python environment, and print their names."""
     from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.wheels import environment
-    from rosidl_py_gen.wheels.build import with_bundled
 
     wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
     if action == "uninstall":
         changed = environment.uninstall(wanted, force=force)
     else:
-        search = with_bundled(_search(paths), wanted)
-        changed = environment.install(search, wanted or [*search.packages], force=force)
+        changed = environment.install(_search(paths), wanted, force=force)
     if not as_json:
         place = f"{'into' if action == 'install' else 'from'} {sys.prefix}: "
         echo(f"{action}ed {place if changed else ''}{', '.join(changed) or 'nothing'}")
@@ -477,13 +475,9 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
     rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
     pip install dist/*.whl
     """
-    from rosidl_py_gen.wheels.build import build, selected_packages, with_bundled
+    from rosidl_py_gen.wheels.build import build
 
-    search = _search(paths)
-    selected = selected_packages(search, [*names])
-    if not names and len(selected) == len(search.packages):
-        search = with_bundled(search, selected)
-    built = build(search, selected, Path(out), dependencies=not no_dependencies)
+    built = build(_search(paths), [*names], Path(out), dependencies=not no_dependencies)
     if as_json or _group_option("as_json", False):
         print_json([{"package": one.package, "path": str(one.path), "requires": list(one.requires)} for one in built])
         return
