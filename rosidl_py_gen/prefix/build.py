@@ -20,7 +20,6 @@ from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
 from rosidl_py_gen.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
-from rosidl_py_gen.prefix.setup_process import run_setup_py
 from rosidl_py_gen.type_loading import cached_folder
 
 STATE = ".rosidl-py-prefix"
@@ -83,8 +82,7 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
     problems: list[str] = []
     packages = _find_packages(searched, problems)
     prefix = _cached_prefix(searched) if out is None else Path(os.path.abspath(out))
-    run = run_setup_py if runs_setup else None
-    plans = [PackagePlan(name, folder, run) for name, folder in packages.items()]
+    plans = [PackagePlan(name, folder, runs_setup=runs_setup) for name, folder in packages.items()]
     files = _own_files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:

@@ -58,6 +58,11 @@ class Executable:
         """Path that determines the workspace of the executable: its script, or else its folder."""
         return self.folder if self.file is None else self.file.resolve()
 
+    @property
+    def is_python(self) -> bool:
+        """True unless the executable is a file that is not written in Python."""
+        return self.file is None or self.file.suffix == ".py" or is_python_program(self.file)
+
     def program(self) -> bytes:
         """Return the text of a program that runs the script, or ends with the function's result, with this Python."""
         first = f"#!{sys.executable}"
@@ -72,6 +77,15 @@ class Executable:
         if self.warning:
             text = f"print({'warning: ' + self.warning!a}, file=sys.stderr)\n{text}"
         return os.fsencode(f"{first}\n# Written by rosidl-py prefix.\nimport sys\n\n{text}")
+
+
+def is_python_program(file: Path) -> bool:
+    """Return True for a file whose first line, ``#!...``, names Python as interpreter."""
+    if not file.is_file():  # opening a pipe would wait for its writer
+        return False
+    with file.open("rb") as opened:
+        line = opened.readline(200)
+    return line.startswith(b"#!") and b"python" in line
 
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"

@@ -20,7 +20,7 @@ from typing import IO, Any
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.compiler.frontend import Stamp, UnreadableError, files_below, note, stamp
 from rosidl_py_gen.errors import RosidlError, display_path, printable
-from rosidl_py_gen.type_loading import SetupArguments, cached, merge_calls
+from rosidl_py_gen.type_loading import SetupArguments, cached
 
 TIMEOUT_S = 10.0
 """Maximum run time of a setup.py in seconds, after which its process group is killed."""
@@ -79,7 +79,7 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
         files_below(folder)
     for path in result["read"]:
         note(path)
-    return merge_calls(result["calls"])
+    return SetupArguments.of_calls(result["calls"])
 
 
 def _record(folder: Path) -> Any:

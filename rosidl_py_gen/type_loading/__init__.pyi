@@ -38,14 +38,8 @@ from rosidl_py_gen.type_loading.import_hook import FoundPackage as FoundPackage
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning as ImportHookWarning
 from rosidl_py_gen.type_loading.import_hook import found_packages as found_packages
 from rosidl_py_gen.type_loading.import_hook import install_import_hook as install_import_hook
+from rosidl_py_gen.type_loading.install_rules import Install as Install
 from rosidl_py_gen.type_loading.scan_cache import cached as cached
 from rosidl_py_gen.type_loading.scan_cache import workspace_packages as workspace_packages
 from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup as PackageSetup
-from rosidl_py_gen.type_loading.setup_reader.setup_files import RunSetup as RunSetup
-from rosidl_py_gen.type_loading.setup_reader.setup_files import SetupFilesError as SetupFilesError
-from rosidl_py_gen.type_loading.setup_reader.setup_files import read_setup_files as read_setup_files
 from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments as SetupArguments
-from rosidl_py_gen.type_loading.setup_reader.setup_py import merge_calls as merge_calls
-from rosidl_py_gen.type_loading.share_folder import Install as Install
-from rosidl_py_gen.type_loading.share_folder import cmake_installs as cmake_installs
-from rosidl_py_gen.type_loading.share_folder import setup_installs as setup_installs
