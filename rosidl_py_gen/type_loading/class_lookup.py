@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from importlib.machinery import ModuleSpec
 
-    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen import ModuleSources
     from rosidl_py_gen.compiler.frontend import InterfaceRegistry
 
 T = TypeVar("T")
@@ -481,23 +481,23 @@ def load_compiler() -> None:
 
     import numpy  # noqa: F401
 
-    from rosidl_py_gen.compiler.codegen import preload
+    from rosidl_py_gen.compiler.codegen import ModuleSources
     from rosidl_py_gen.compiler.frontend import read_checked  # noqa: F401
 
-    preload()
+    ModuleSources.preload()
 
 
 def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
     cls = find(registry, name)
     if cls is not None:  # the compiler is not needed
         return cls
-    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen import ModuleSources
 
-    planner = LayoutPlanner(registry.message)
+    sources = ModuleSources(registry)
 
     @cache  # comparing or planning a type costs as much as for all types that it refers to
     def get_class(part: RosName) -> type:
-        return find(registry, part) or _compile(registry, part, planner, get_class)
+        return find(registry, part) or _compile(registry, part, sources, get_class)
 
     return get_class(name)
 
@@ -529,29 +529,18 @@ def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> 
 
 
 def _compile(
-    registry: InterfaceRegistry, name: RosName, planner: LayoutPlanner, get_class: Callable[[RosName], type]
+    registry: InterfaceRegistry, name: RosName, sources: ModuleSources, get_class: Callable[[RosName], type]
 ) -> type:
-    from rosidl_py_gen.compiler.codegen import Target, module_path, module_source
-    from rosidl_py_gen.compiler.frontend import messages_of
-
     global _compilations
     _compilations += 1
-    root = f"{_MEMORY}.w{_compilations}."
     top = registry.owner(name)
-    interface = registry.interface(top) if top else None
-    assert top is not None and interface is not None
-    own = {str(top), *(str(message.name) for message in messages_of(interface))}
+    assert top is not None
 
-    def known(full_name: str) -> str | None:
-        """Return the module with the class of another type, which is compiled if necessary.
+    def known(full_name: str) -> str:
+        """Return the module with the class of another type, which is compiled if necessary."""
+        return get_class(split_ros_name(full_name)).__module__
 
-        Returns None for a type that this module defines.
-        """
-        return None if full_name in own else get_class(split_ros_name(full_name)).__module__
-
-    target = Target(root, known, registry.type_hash)
-    source = module_source(registry, top, planner, target)
-    module = _run(root + module_path(str(top)), source)
+    module = _run(*sources.module(top, f"{_MEMORY}.w{_compilations}.", known))
     for exported in module.__all__:
         cls = getattr(module, exported)
         _loaded.setdefault(cls._TYPE.name, []).append(cls)

@@ -15,8 +15,7 @@ from pathlib import Path
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
-from rosidl_py_gen.compiler.codegen.module_sources import Target, module_source
+from rosidl_py_gen.compiler.codegen.module_sources import ModuleSources
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
@@ -84,7 +83,7 @@ def source_of(definitions: Mapping[str, str]) -> str:
     """Return the generated module of the first definition."""
     library = texts(definitions)
     chosen = split_ros_name(next(iter(definitions)))
-    return module_source(library, chosen, LayoutPlanner(library.message), Target("", lambda _: None, library.type_hash))
+    return ModuleSources(library).module(chosen)[1]
 
 
 def problems_of(folder: Path, wanted: list[str] | None = None) -> list[str]:
