@@ -36,6 +36,7 @@ from rosidl_py_gen.generator_cli.command_line import (
     print_notes,
     print_problems,
     rows,
+    split_filter,
     usage_error_text,
 )
 
@@ -215,7 +216,6 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> None:
     """Install or uninstall (`action`) message packages in this Python environment, and print their names."""
-    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.wheels import environment
 
     wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
@@ -251,7 +251,6 @@ def _install_library(as_json: bool) -> list[str]:
 
 
 def _generate(paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, as_json: bool) -> None:
-    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.compiler.generate import generate
 
     progress = _Progress()
@@ -321,8 +320,6 @@ def _print(result: GenerationResult, out: str, check: bool, as_json: bool) -> No
 
 
 def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
-    from rosidl_py_gen.compiler.frontend import split_filter
-
     search = _search(paths)
     chosen = {text.split("/")[0] for text in split_filter(selection)} or {*search.packages}
     every = [(package, True) for package in search.packages.values()] + [(package, False) for package in search.hidden]
@@ -345,7 +342,7 @@ def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
     width = max((len(package.name) for package, _ in found), default=0)
     for package, used in found:
         note = "" if used else "  (hidden by the one above)"
-        place = package.origin if package.origin == "bundled" else str(package.folder)
+        place = package.origin if package.is_bundled else str(package.folder)
         echo((package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}")
 
 
@@ -358,12 +355,11 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
 
     NAMES are packages or interfaces. [default: IDL_PACKAGE_FILTER, else all packages]
     """
-    from rosidl_py_gen.compiler.frontend import split_filter
-    from rosidl_py_gen.compiler.generate import load, notes_of
+    from rosidl_py_gen.compiler.generate import load
 
     search = _search(paths)
     _, found = load(search, [*names] or split_filter(_group_option("selection", "")))
-    notes = notes_of(search, found)
+    notes = search.notes(found)
     packages = sorted({name.package for name in found})
     if as_json or _group_option("as_json", False):
         interfaces = [str(name) for name in found]
@@ -384,13 +380,13 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
     from rosidl_py_gen.base.descriptions import build_type_description
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, full_text, read_checked, source_text
+    from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
     from rosidl_py_gen.type_loading import registry_of_generated_class
 
     top = split_ros_name(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None
     try:
-        owner = read_checked(registry, top)
+        owner = registry.read_checked(top)
     except TypeNotFoundError:
         generated = registry_of_generated_class(name)
         if generated is None:
@@ -400,12 +396,12 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     if as_json or _group_option("as_json", False):
         print_json({"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)})
         return
+    text = DefinitionText(registry, owner)
     if full:
-        echo(full_text(registry, owner).removesuffix("\n"))
+        echo(text.full.removesuffix("\n"))
         return
     echo((f"# {top}  {registry.type_hash(str(top))}", "bold"))
-    text = source_text(registry, owner) if generated is None else full_text(registry, owner)
-    echo(text.removesuffix("\n"))
+    echo((text.source if generated is None else text.full).removesuffix("\n"))
 
 
 @cli.command()

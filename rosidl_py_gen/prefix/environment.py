@@ -16,7 +16,7 @@ from pathlib import Path
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONMENT_VARIABLE, selected
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import Workspace, package_around, workspace_around
+from rosidl_py_gen.compiler.frontend import Workspace, package_around
 from rosidl_py_gen.type_loading import ImportHookWarning, install_import_hook, workspace_packages
 
 _RUN_FUNCTION = """from {module} import {first}
@@ -125,7 +125,7 @@ def folders(prefix: Path) -> dict[str, Path]:
 
 def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspace]:
     """Return the workspaces of ``--path``, then the workspace of the program `place`, or of the current folder."""
-    around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
+    around = Workspace.around(Path.cwd() if place is None else _workspace_folder(place))
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
 
@@ -162,5 +162,5 @@ def _workspace_folder(place: Path) -> Path:
         return here if is_workspace else place
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
-    around = workspace_around(here)
+    around = Workspace.around(here)
     return here if around is not None and package in workspace_packages(around).values() else place

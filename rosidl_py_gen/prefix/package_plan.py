@@ -16,7 +16,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend import (
     UNKNOWN,
@@ -25,9 +24,7 @@ from rosidl_py_gen.compiler.frontend import (
     PackageBudget,
     UnreadableError,
     files_below,
-    holds_interfaces,
     inside,
-    mentions_interfaces,
     note,
     read_package_manifest,
     read_text,
@@ -213,10 +210,10 @@ class PackagePlan:
         return None
 
     def _add_interfaces(self) -> None:
-        if not is_package_name(self.name) or not (holds_interfaces(self._folder) or mentions_interfaces(self._folder)):
+        package = Package.of_sources(self.name, self._folder)
+        if package is None:
             return
-        found = Package(self.name, self._folder, "", from_source=True).files
-        places = {f"{interface.kind}/{path.name}": path for interface, path in found.items()}
+        places = {f"{interface.kind}/{path.name}": path for interface, path in package.files.items()}
         for place, path in places.items():
             self._add(f"share/{self.name}/{place}", PrefixFile(path))
         if places:

@@ -18,7 +18,7 @@ from threading import Thread
 from typing import IO, Any
 
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import Stamp, UnreadableError, files_below, note, stamp
+from rosidl_py_gen.compiler.frontend import UnreadableError, files_below, note, stamp
 from rosidl_py_gen.errors import RosidlError, display_path, printable
 from rosidl_py_gen.type_loading import SetupArguments, cached
 
@@ -33,7 +33,7 @@ _OF_SHELLS = {"_", "OLDPWD", "PWD", "SHLVL"}
 them."""
 
 
-_results: dict[tuple[Path, str, Stamp], Any] = {}
+_results: dict[tuple[Path, str, object], Any] = {}
 """Results or error texts of setup.py files, by package folder, digest of the environment, and stamp of setup.py."""
 
 

@@ -123,14 +123,14 @@ class Interfaces:
 
     def _compiled(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
         from rosidl_py_gen.compiler.codegen import ModuleSources
-        from rosidl_py_gen.compiler.frontend import InterfaceRegistry, read_checked
+        from rosidl_py_gen.compiler.frontend import InterfaceRegistry
 
         if self._registry is None or self._sources is None:
             self._registry = InterfaceRegistry(self.search)
             self._sources = ModuleSources(self._registry, rclpy=True)
         registry = self._registry
         try:
-            read_checked(registry, name)
+            registry.read_checked(name)
         except BaseException:
             self._registry = None  # discard incomplete interfaces
             raise

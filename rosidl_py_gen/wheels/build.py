@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.base.xml_reader import read_xml
-from rosidl_py_gen.compiler.frontend import BUNDLED, INSTALLED
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
@@ -53,7 +52,7 @@ def _selected(search: SearchPath, wanted: list[str]) -> list[str]:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]
             raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; expected one of {known}"))
-    own = [name for name, one in search.packages.items() if one.origin not in (BUNDLED, INSTALLED)]
+    own = [name for name, one in search.packages.items() if not (one.is_bundled or one.is_installed)]
     return sorted(wanted or own or search.packages)
 
 
@@ -64,12 +63,8 @@ def with_bundled(search: SearchPath, names: list[str]) -> SearchPath:
     Without this change a new installation would repeat the old one: installed wheels precede the bundled definitions,
     even after a change of ROS_DISTRO or an update of this package.
     """
-    bundled = {
-        one.name: one for one in search.hidden if one.origin == BUNDLED and one.name in (names or search.packages)
-    }
-    packages = {
-        name: bundled.get(name, one) if one.origin == INSTALLED else one for name, one in search.packages.items()
-    }
+    bundled = {one.name: one for one in search.hidden if one.is_bundled and one.name in (names or search.packages)}
+    packages = {name: bundled.get(name, one) if one.is_installed else one for name, one in search.packages.items()}
     return replace(search, packages=packages)
 
 
@@ -90,9 +85,7 @@ def build(search: SearchPath, wanted: list[str], out: Path, *, dependencies: boo
     if not wanted and len(packages) == len(search.packages):
         search = with_bundled(search, packages)
     files, uses = _generated(search, packages)
-    chosen = [
-        name for name in files if name in packages or (dependencies and search.packages[name].origin != INSTALLED)
-    ]
+    chosen = [name for name in files if name in packages or (dependencies and not search.packages[name].is_installed)]
     out.mkdir(parents=True, exist_ok=True)
     return [_build(search, search.packages[name], files[name], uses[name], out) for name in chosen]
 

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.codegen.module_sources import ModuleSources
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import GenerationResult, generate
 from rosidl_py_gen.errors import DefinitionError
@@ -75,7 +75,7 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
     for name, text in zip(names, definitions.values(), strict=True):
         library.add_text(name, SourceText(f"<{name}>", text, name.kind))
     check(library, names)
-    raise_diagnostics(library)
+    library.raise_diagnostics()
     return library
 
 

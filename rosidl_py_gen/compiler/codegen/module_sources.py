@@ -30,7 +30,6 @@ from rosidl_py_gen.compiler.frontend.model import (
     MessageDef,
     ServiceDef,
     derived_name,
-    messages_of,
 )
 
 if TYPE_CHECKING:
@@ -253,7 +252,7 @@ class ModuleView(NamedTuple):
 
 def exported_names(interface: Interface) -> tuple[str, ...]:
     """Return the Python names of the public classes of an interface's module."""
-    names = [message.name.name for message in messages_of(interface)]
+    names = [message.name.name for message in interface.messages]
     match interface:
         case ServiceDef():
             names.append(interface.name.name)
@@ -264,7 +263,7 @@ def exported_names(interface: Interface) -> tuple[str, ...]:
 
 def module_view(interface: Interface, planner: LayoutPlanner, target: Target) -> ModuleView:
     """Return an interface's module as values for the module template."""
-    messages = messages_of(interface)
+    messages = interface.messages
     own = {str(message.name): py_name(message.name.name) for message in messages}
     fields = {py_name(item.name) for message in messages for item in message.fields}
     constants = {py_name(item.name) for message in messages for item in message.constants}
@@ -517,7 +516,7 @@ class ModuleSources:
         """
         interface = self._registry.interface(name)
         assert interface is not None, name
-        own = {str(name), *(str(message.name) for message in messages_of(interface))}
+        own = {str(name), *(str(message.name) for message in interface.messages)}
         target = Target(root, lambda one: None if one in own else known(one), self._registry.type_hash)
         return root + module_path(str(name)), module_source(self._registry, name, self._planner, target)
 

@@ -158,16 +158,16 @@ class _NewDefinitions:
         unchanged.
         """
         from rosidl_py_gen import get_message
-        from rosidl_py_gen.compiler.frontend import full_text, read_checked
+        from rosidl_py_gen.compiler.frontend import DefinitionText
 
         try:
-            owner = read_checked(self._library, split_ros_name(name))
+            owner = self._library.read_checked(split_ros_name(name))
         except TypeNotFoundError:
             return "not among the new definitions"
         packages = {one.partition("/")[0] for one in self._library.all_hashes(name)}
         if not any(self._search.packages[one].origin in self._paths for one in packages):
             return "not defined in --path"
-        return get_message(name, path=self._paths), full_text(self._library, owner)
+        return get_message(name, path=self._paths), DefinitionText(self._library, owner).full
 
 
 def _plan_topics(
