@@ -17,7 +17,6 @@ from rosidl_py_gen.compiler.frontend.model import (
     FieldDef,
     ServiceDef,
     is_interface_name,
-    messages_of,
 )
 
 PRIMITIVE = [
@@ -56,7 +55,7 @@ def test_field_type_is_parsed(text: str, kind: str) -> None:
 @pytest.mark.parametrize("kind", ["srv", "action"])
 def test_type_names_without_package_mean_messages_of_the_own_package(kind: str) -> None:
     interface = parse("Other x\n---\nOther y" + "\n---" * (kind == "action"), f"a_msgs/{kind}/Sample")
-    first = messages_of(interface)[0]
+    first = interface.messages[0]
     assert str(first.fields[0].type) == "a_msgs/msg/Other"
 
 
