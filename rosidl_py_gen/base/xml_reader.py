@@ -59,6 +59,31 @@ class XmlElement:
     line: int = 0
     column: int = 0
 
+    @staticmethod
+    def read(path: str) -> XmlElement:
+        """Return the root element of an XML file.
+
+        Raises:
+            DefinitionError: the file cannot be read, is not XML, exceeds a limit, or has a document type.
+        """
+        data = read_file(path)
+        lines = data.decode("utf-8", "replace").split("\n")
+        return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
+
+    @staticmethod
+    def parse_fragment(text: str, path: str) -> XmlElement:
+        """Return an element that contains all elements of an XML text; names keep their namespace prefixes.
+
+        `path` is for errors.
+
+        Raises:
+            DefinitionError: the text is not XML, exceeds a limit, or has a document type.
+        """
+        # Keep line and column numbers: blank out the declaration and feed our own first line.
+        content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+        data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
+        return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)
+
     @property
     def is_comment(self) -> bool:
         """True for a comment, whose text is `text`."""
@@ -74,31 +99,6 @@ class XmlElement:
 
     def error(self, text: str) -> DefinitionError:
         return DefinitionError(self.diagnostic(text))
-
-
-def read_xml(path: str) -> XmlElement:
-    """Return the root element of an XML file.
-
-    Raises:
-        DefinitionError: the file cannot be read, is not XML, exceeds a limit, or has a document type.
-    """
-    data = read_file(path)
-    lines = data.decode("utf-8", "replace").split("\n")
-    return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
-
-
-def parse_fragment(text: str, path: str) -> XmlElement:
-    """Return an element that contains all elements of an XML text; names keep their namespace prefixes.
-
-    `path` is for errors.
-
-    Raises:
-        DefinitionError: the text is not XML, exceeds a limit, or has a document type.
-    """
-    # Keep line and column numbers: blank out the declaration and feed our own first line.
-    content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
-    data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
-    return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)
 
 
 def read_file(path: str, max_bytes: int = _MAX_FILE_BYTES) -> bytes:

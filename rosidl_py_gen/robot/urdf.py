@@ -15,7 +15,7 @@ from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import MAX_FIRST
-from rosidl_py_gen.base.xml_reader import XmlElement, parse_fragment, read_file
+from rosidl_py_gen.base.xml_reader import XmlElement, read_file
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
 from rosidl_py_gen.tf import Pose
@@ -86,7 +86,7 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
     if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
         found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"
         raise DefinitionError(Diagnostic(path, 0, 0, f"{found}; expected the text of a URDF, not its path"))
-    document = parse_fragment(text, path)
+    document = XmlElement.parse_fragment(text, path)
     roots = [element for element in document.elements if element.tag == "robot"] or [*document.elements, document]
     root = roots[0]  # as urdfdom does; scripts that fill in names put others before it
     if root.tag != "robot" or root.attributes.get("version", "1.0") not in ("1.0", "1"):

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from rosidl_py_gen.base.xml_reader import XmlElement, read_xml
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, display_path
 from rosidl_py_gen.security.files import write_file
 
@@ -55,7 +55,7 @@ class _Includes:
     elements: int = 0
 
     def read(self, path: str) -> XmlElement:
-        root = read_xml(path)
+        root = XmlElement.read(path)
         self._count(root)
         if _INCLUDE.fullmatch(root.tag):
             raise root.error("the root element is an include; expected <policy> or a part of a policy")
@@ -101,7 +101,7 @@ class _Includes:
         if path in open_files:
             raise include.error(f"{display_path(path)} includes itself")
         pointer = include.attributes.get("xpointer")
-        root = read_xml(path)
+        root = XmlElement.read(path)
         self._count(root)
         self._expand(root, os.path.dirname(path), (*open_files, path))
         return [root] if pointer is None else _select(include, pointer, root)
