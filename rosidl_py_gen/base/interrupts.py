@@ -56,6 +56,15 @@ class CommandInterrupts:
         finally:
             self.ignores_first = True
 
+    def ignore_next(self) -> None:
+        """Become the handler of SIGINT for the end of a process: ignore the first signal from now on.
+
+        Raises ValueError outside of the main thread.
+        """
+        self.ignores_first = True
+        self._first_s = None
+        signal.signal(signal.SIGINT, self)
+
     def note(self) -> None:
         """Record that another signal handler has received the first SIGINT now."""
         self._first_s = time.monotonic()

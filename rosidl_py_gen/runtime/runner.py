@@ -18,7 +18,7 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
+from rosidl_py_gen.base.interrupts import REPEAT_S, command_interrupts
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs import get_root_logger
@@ -211,8 +211,8 @@ class _Signals:
             _exit_by_signal(number)
         elif self._loop.time() - self._first_s > REPEAT_S:
             previous = self._previous.get(number)
-            if isinstance(previous, CommandInterrupts):
-                previous(number, frame)
+            if previous is command_interrupts:
+                command_interrupts(number, frame)
             else:
                 self.interrupted_shutdown = True
                 raise KeyboardInterrupt

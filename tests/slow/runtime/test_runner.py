@@ -230,6 +230,7 @@ def test_immediate_second_ctrl_c_counts_as_one_request() -> None:
 def test_second_ctrl_c_is_ignored_if_a_command_ignores_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     handler = CommandInterrupts()
     handler.ignores_first = True
+    monkeypatch.setattr(runner, "command_interrupts", handler)
     monkeypatch.setattr(runner, "REPEAT_S", -1.0)
     before = signal.signal(signal.SIGINT, handler)
     try:
