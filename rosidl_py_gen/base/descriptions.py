@@ -22,20 +22,6 @@ EMPTY_MESSAGE = ("structure_needs_at_least_one_member", FieldType("uint8"))
 """Name and type of the field that messages without fields have in type descriptions."""
 
 
-def service_rows(name: str) -> tuple[FieldRow, ...]:
-    """Return the fields in the type description of a service: its request, response and event."""
-    return tuple(
-        (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
-    )
-
-
-def action_rows(name: str) -> tuple[FieldRow, ...]:
-    """Return the fields in the type description of an action: its messages and services."""
-    fields = ("goal", "result", "feedback", "send_goal_service", "get_result_service", "feedback_message")
-    suffixes = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
-    return tuple((field, FieldType(f"{name}_{part}"), "") for field, part in zip(fields, suffixes, strict=True))
-
-
 def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
     """Return the type description of one type from its fields, without the types that it refers to."""
     fields = [
@@ -109,6 +95,20 @@ class TypeDescriptions:
         self._lookup = lookup
         self._texts: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._hashes: dict[str, str] = {}
+
+    @staticmethod
+    def service_rows(name: str) -> tuple[FieldRow, ...]:
+        """Return the fields in the type description of a service: its request, response and event."""
+        return tuple(
+            (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
+        )
+
+    @staticmethod
+    def action_rows(name: str) -> tuple[FieldRow, ...]:
+        """Return the fields in the type description of an action: its messages and services."""
+        fields = ("goal", "result", "feedback", "send_goal_service", "get_result_service", "feedback_message")
+        suffixes = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
+        return tuple((field, FieldType(f"{name}_{part}"), "") for field, part in zip(fields, suffixes, strict=True))
 
     def of(self, name: str) -> Description:
         """Return the type description of a type and of all types to which it refers."""

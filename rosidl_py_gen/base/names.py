@@ -53,6 +53,15 @@ class RosName(NamedTuple):
     def __str__(self) -> str:
         return f"{self.package}/{self.kind}/{self.name}"
 
+    @property
+    def module_name(self) -> str:
+        """Name of the interface's module: ``_add_two_ints`` for AddTwoInts (docs/internals/protocol.md 1.2).
+
+        The module is private: users import the class from the package.
+        """
+        words = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", self.name)
+        return "_" + re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", words).lower()
+
 
 def split_ros_name(text: str, default_kind: str = "") -> RosName:
     """Return the components of ``pkg/msg/Name``; with a `default_kind` also of ``pkg/Name``.
@@ -76,12 +85,6 @@ def split_ros_name(text: str, default_kind: str = "") -> RosName:
             display, wrong = printable(text, _MAX_DISPLAYED), printable(part, _MAX_DISPLAYED)
             raise InvalidNameError(f'"{display}": "{wrong}" is not {rule}')
     return RosName(package, kind, name)
-
-
-def snake_case(name: str) -> str:
-    """Return the module name of an interface: AddTwoInts -> add_two_ints (docs/internals/protocol.md 1.2)."""
-    name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
-    return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
 
 
 def py_name(name: str) -> str:

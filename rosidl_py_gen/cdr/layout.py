@@ -30,8 +30,6 @@ Position = TypeVar("Position", int, "NDArray[np.int64]")
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation header of little-endian data. Bit 0 of the second byte is the byte order; the rest are options."""
 HEADER_BYTES = 4
-HEADER_CODE = "Hxx"
-"""Struct code of the encapsulation header, for messages that pack the header together with their first fields."""
 HEADER_VALUE = 0x0100
 """Value of the first two bytes of the encapsulation header as a little-endian `H`."""
 MAX_ALIGN = 8

@@ -28,8 +28,11 @@ GoalT = TypeVar("GoalT")
 ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 
-SERVICE_CLASSES = ("Request", "Response", "Event")
-ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
+NESTED_CLASSES = {
+    "Service": ("Request", "Response", "Event"),
+    "Action": ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult"),
+}
+"""Names of the classes inside a class of a service or action, by the name of its base class."""
 """Names of the nested classes of an action class, which are also suffixes of the ROS type names."""
 _MAX_REPR_ELEMENTS = 8
 

@@ -14,9 +14,7 @@ from rosidl_py_gen.base.descriptions import (
     Description,
     FieldRow,
     TypeDescriptions,
-    action_rows,
     individual_descriptions,
-    service_rows,
 )
 from rosidl_py_gen.base.names import INTERFACE_NAME, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
@@ -145,10 +143,10 @@ class InterfaceRegistry:
             return [(item.name, item.type, item.default_text) for item in message.fields]
         name = split_ros_name(full_name)
         if isinstance(self.interface(name), ActionDef):
-            return action_rows(full_name)
+            return TypeDescriptions.action_rows(full_name)
         if self.message(f"{full_name}_Request") is None:
             raise TypeNotFoundError(f"no interface {full_name}")
-        return service_rows(full_name)
+        return TypeDescriptions.service_rows(full_name)
 
     def type_description(self, full_name: str) -> Description:
         """Return the type description of a message, service or action; all types to which it refers must exist."""

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
 from rosidl_py_gen.base.names import KINDS, PACKAGE_NAME, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import ENTRY_POINTS, ROS_PACKAGE_INDEX, has_installed_ros_packages, is_generated
+from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated, ros_package_index
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import (
     BUILD_TREE_MARKERS,
@@ -280,12 +280,10 @@ def _installed() -> Iterator[Package]:
     for package in _installed_by_entry_points():
         names.add(package.name)
         yield package
-    note(os.path.join(sys.prefix, ROS_PACKAGE_INDEX))
-    if has_installed_ros_packages():
-        for entry in _entries(Path(sys.prefix, ROS_PACKAGE_INDEX)):
-            folder = Path(sys.prefix, "share", entry.name)
-            if entry.name not in names and PACKAGE_NAME.allows(entry.name) and holds_interfaces(folder):
-                yield Package(entry.name, folder, _INSTALLED)
+    for entry in _entries(Path(ros_package_index())):
+        folder = Path(sys.prefix, "share", entry.name)
+        if entry.name not in names and PACKAGE_NAME.allows(entry.name) and holds_interfaces(folder):
+            yield Package(entry.name, folder, _INSTALLED)
 
 
 def _installed_by_entry_points() -> Iterator[Package]:
