@@ -31,14 +31,6 @@ def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
     return {"type_name": name, "fields": fields}
 
 
-def full_description(name: str, individual: Callable[[str], Description]) -> Description:
-    """Return the type description of a type and of all types to which it refers, made from descriptions of single
-    types.
-    """
-    top, *referenced = _closure(name, individual, _nested_types).values()
-    return {"type_description": top, "referenced_type_descriptions": referenced}
-
-
 def _nested_types(individual: Description) -> Iterable[str]:
     return (nested for field in individual["fields"] if (nested := field["type"]["nested_type_name"]))
 
@@ -112,7 +104,15 @@ class TypeDescriptions:
 
     def of(self, name: str) -> Description:
         """Return the type description of a type and of all types to which it refers."""
-        return full_description(name, lambda part: individual_description(part, self._lookup(part)))
+        return self.assemble(name, lambda part: individual_description(part, self._lookup(part)))
+
+    @staticmethod
+    def assemble(name: str, individual: Callable[[str], Description]) -> Description:
+        """Return the type description of a type and of all types to which it refers, made from descriptions of single
+        types.
+        """
+        top, *referenced = _closure(name, individual, _nested_types).values()
+        return {"type_description": top, "referenced_type_descriptions": referenced}
 
     def hash_of(self, name: str) -> str:
         """Return the RIHS01 hash of a type."""
