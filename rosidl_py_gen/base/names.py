@@ -20,8 +20,8 @@ _MAX_DISPLAYED = 300
 """Maximum characters of an invalid name that an error text quotes."""
 
 
-class NameRule(NamedTuple):
-    """Rule for the names of one kind: its pattern, and its text for errors."""
+class SpellingRule(NamedTuple):
+    """Rule for the spelling of names of one kind: its pattern, and its text for errors."""
 
     pattern: re.Pattern[str]
     text: str
@@ -34,11 +34,11 @@ class NameRule(NamedTuple):
         return self.pattern.match(name) is not None
 
 
-PACKAGE_NAME = NameRule(
+PACKAGE_NAME = SpellingRule(
     re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII),
     "lower case letters, digits and single underscores, a letter first, no underscore last",
 )
-INTERFACE_NAME = NameRule(
+INTERFACE_NAME = SpellingRule(
     re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII), "letters and digits, an upper case letter first"
 )
 

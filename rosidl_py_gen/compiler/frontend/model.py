@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, NameRule, RosName
+from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, RosName, SpellingRule
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
@@ -29,7 +29,7 @@ Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
 FIELD_NAME = PACKAGE_NAME
 """Rule for names of fields, which is the same as for packages."""
-CONSTANT_NAME = NameRule(
+CONSTANT_NAME = SpellingRule(
     # Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
     re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII),
     "upper case letters, digits and single underscores, a letter first, no underscore last",
