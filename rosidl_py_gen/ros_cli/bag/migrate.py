@@ -21,7 +21,7 @@ from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, RawMessage
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.migration import MessagePlan, MigrationRules
+    from rosidl_py_gen.ros_cli.bag.migration import MessagePlan, MigrationRules
 
 
 @dataclass(slots=True)
@@ -103,8 +103,8 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_source, select_part
     from rosidl_py_gen.ros_cli.bag.yaml_files import read_rules
 
@@ -155,23 +155,23 @@ class _NewDefinitions:
         unchanged.
         """
         from rosidl_py_gen import get_message
-        from rosidl_py_gen.compiler.frontend import full_text, read_checked
+        from rosidl_py_gen.compiler.frontend import DefinitionText
 
         try:
-            owner = read_checked(self._library, split_ros_name(name))
+            owner = self._library.read_checked(split_ros_name(name))
         except TypeNotFoundError:
             return "not among the new definitions"
         packages = {one.partition("/")[0] for one in self._library.all_hashes(name)}
         if not any(self._search.packages[one].origin in self._paths for one in packages):
             return "not defined in --path"
-        return get_message(name, path=self._paths), full_text(self._library, owner)
+        return get_message(name, path=self._paths), DefinitionText(self._library, owner).full
 
 
 def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
     """Return the conversion of each selected channel, by channel key; all failures are raised in one `CommandError`."""
-    from rosidl_py_gen.compiler.migration import MigrationError
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationError
 
     definitions = _NewDefinitions(paths)
     problems: list[str] = []
@@ -191,7 +191,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
-    from rosidl_py_gen.compiler.migration import fields_of, message_converter, plan
+    from rosidl_py_gen.ros_cli.bag.migration import fields_of, message_converter, plan
     from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch
 
     if channel.message_encoding != "cdr":
