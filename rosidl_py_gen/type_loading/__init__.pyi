@@ -1,13 +1,11 @@
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
-from rosidl_py_gen.type_loading.class_lookup import HashPredicate as HashPredicate
 from rosidl_py_gen.type_loading.class_lookup import SearchFolders as SearchFolders
 from rosidl_py_gen.type_loading.class_lookup import class_of_registry as class_of_registry
 from rosidl_py_gen.type_loading.class_lookup import compile_definition as compile_definition
 from rosidl_py_gen.type_loading.class_lookup import definition_origin as definition_origin
 from rosidl_py_gen.type_loading.class_lookup import distribution_definitions as distribution_definitions
 from rosidl_py_gen.type_loading.class_lookup import find_class as find_class
-from rosidl_py_gen.type_loading.class_lookup import find_named_class as find_named_class
 from rosidl_py_gen.type_loading.class_lookup import get_action as get_action
 from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
 from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
@@ -20,15 +18,11 @@ from rosidl_py_gen.type_loading.disk_cache import cached_folder as cached_folder
 from rosidl_py_gen.type_loading.disk_cache import is_usable as is_usable
 from rosidl_py_gen.type_loading.disk_cache import load_description as load_description
 from rosidl_py_gen.type_loading.disk_cache import store_description as store_description
-from rosidl_py_gen.type_loading.from_description import class_in as class_in
-from rosidl_py_gen.type_loading.from_description import compile_described as compile_described
+from rosidl_py_gen.type_loading.from_description import DescribedType as DescribedType
+from rosidl_py_gen.type_loading.from_description import DistributionVariants as DistributionVariants
 from rosidl_py_gen.type_loading.from_description import definition_text as definition_text
-from rosidl_py_gen.type_loading.from_description import described_hashes as described_hashes
-from rosidl_py_gen.type_loading.from_description import distributions_with as distributions_with
-from rosidl_py_gen.type_loading.from_description import find_class_of as find_class_of
-from rosidl_py_gen.type_loading.from_description import fits_exactly as fits_exactly
+from rosidl_py_gen.type_loading.from_description import find_named_class as find_named_class
 from rosidl_py_gen.type_loading.from_description import generated_names as generated_names
-from rosidl_py_gen.type_loading.from_description import other_hashes as other_hashes
 from rosidl_py_gen.type_loading.from_description import registry_of_generated_class as registry_of_generated_class
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR as RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.import_hook import FoundPackage as FoundPackage

@@ -168,14 +168,6 @@ def get_named_class(name: str, *, path: SearchFolders = (), distro: str | None =
     return _get(name, "", object, path, distro)
 
 
-def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
-    """Return the message, service or action class of a full name; None if there is no such type."""
-    try:
-        return get_named_class(name, path=path, distro=distro)
-    except TypeNotFoundError:
-        return None
-
-
 class DistributionDefinition(NamedTuple):
     """Definition of a type that differs between distributions, with the distributions that have it, oldest first."""
 
@@ -414,7 +406,7 @@ def load_compiler() -> None:
     import numpy  # noqa: F401
 
     from rosidl_py_gen.compiler.codegen import ModuleSources
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry  # noqa: F401
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path  # noqa: F401
 
     ModuleSources.preload()
 

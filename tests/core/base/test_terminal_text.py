@@ -14,6 +14,7 @@ PACKAGE = ROOT / "rosidl_py_gen"
 HOSTILE = "\x1b]0;t\x07\x9b2J\x7f\u202e\u2066\u200b\ufeff\ud800\U000e0041\x00\r"
 FOLDERS = (
     "command_support",
+    "compiler",
     "foxglove",
     "generator_cli",
     "plotting",
