@@ -19,7 +19,7 @@ from zipfile import BadZipFile, ZipFile
 
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, DdscLibrary, LibraryWheel
+from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, LibraryWheel
 from rosidl_py_gen.wheels.build import write_wheel
 from rosidl_py_gen.wheels.environment import Installer
 
@@ -166,6 +166,6 @@ def _check(wheel: LibraryWheel) -> str:
 
     importlib.invalidate_caches()
     found = library.load({})  # not cached: it failed before the installation
-    if isinstance(found, DdscLibrary):
-        return found.file
-    raise OutputError(f"libddsc: the library of {wheel.file} was installed, but does not load: {found}")
+    if isinstance(found, str):
+        raise OutputError(f"libddsc: the library of {wheel.file} was installed, but does not load: {found}")
+    return found.file

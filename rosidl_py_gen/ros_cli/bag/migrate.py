@@ -6,7 +6,6 @@ types whose hash is equal keep their bytes. An incomplete output is removed.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, Ros
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
+    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, RawMessage
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.bag.migration import MessagePlan, MigrationRules
 
@@ -104,16 +103,14 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags import find_all_channels, omission_lines
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
     from rosidl_py_gen.ros_cli.bag.migration import MigrationRules
-    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part
+    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_source, select_part
     from rosidl_py_gen.ros_cli.bag.yaml_files import read_rules
 
-    omitted: Counter[str] = Counter()
+    copy: BagCopy | None = None
     rules = read_rules(rules_file) if rules_file else MigrationRules()
-    with opened_bag(path, search_path=old_paths) as reader:
-        find_all_channels(reader)
+    with opened_source(path, old_paths) as reader:
         selection = select_part(reader, topics, 0.0, None)
         planned = _plan_topics(reader, selection.topics, paths, rules)
         _warn_unused_rules(rules, planned)
@@ -122,7 +119,7 @@ def migrate(
         if output is not None and not dry_run:
             channels = {key: topic.new for key, topic in planned.items()}
             with new_bag(output, "mcap", compression, split_bytes, split_s) as writer:
-                _, omitted = copy_bag(
+                _, copy = copy_bag(
                     reader, writer, selection, channels, lambda one: _converter(reader, planned[one.key])
                 )
     carried = sum(one.count for one in planned.values() if one.convert)
@@ -133,11 +130,11 @@ def migrate(
                 **_document(output, planned, None if dry_run else count),
                 "damaged": damaged_rows(reader.damaged),
                 "unread_bytes": reader.unread_bytes,
-                "not_carried_over": dict(omitted),
+                "not_carried_over": {} if copy is None else dict(copy.omitted),
             }
         )
-    elif not dry_run:
-        for line in omission_lines(omitted):
+    elif copy is not None:
+        for line in copy.omission_lines():
             terminal_output.note(line)
         names = {one.old.name for one in planned.values()}
         counts = f"{pluralize(count, 'message')} of {pluralize(len(names), 'topic')}"
