@@ -41,7 +41,7 @@ from rosidl_py_gen.runtime.type_descriptions import (
     provider_participants,
     request_type_description,
 )
-from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES, load_description, store_description
+from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES, CachedDescription
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -337,7 +337,8 @@ class TypeResolver:
         Raises:
             TypeDescriptionError: no node has described the type.
         """
-        cached = await asyncio.to_thread(load_description, wanted_hash)
+        cache = CachedDescription(wanted_hash)
+        cached = await asyncio.to_thread(cache.load)
         if cached is not None:
             try:
                 await asyncio.to_thread(self._accept, "the cache", name, wanted_hash, cached)
@@ -358,7 +359,7 @@ class TypeResolver:
             except RosidlError as error:
                 failures.append(str(error))
                 continue
-            await asyncio.to_thread(store_description, wanted_hash, data)
+            await asyncio.to_thread(cache.store, data)
             return
         own = self._scope.node_name
         reason = (

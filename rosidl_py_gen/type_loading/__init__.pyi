@@ -12,12 +12,10 @@ from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
 from rosidl_py_gen.type_loading.class_lookup import load_compiler as load_compiler
 from rosidl_py_gen.type_loading.class_lookup import registry_of_text as registry_of_text
 from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES as MAX_DESCRIPTION_BYTES
+from rosidl_py_gen.type_loading.disk_cache import CachedDescription as CachedDescription
 from rosidl_py_gen.type_loading.disk_cache import cache_problems as cache_problems
-from rosidl_py_gen.type_loading.disk_cache import cached_descriptions as cached_descriptions
 from rosidl_py_gen.type_loading.disk_cache import cached_folder as cached_folder
 from rosidl_py_gen.type_loading.disk_cache import is_usable as is_usable
-from rosidl_py_gen.type_loading.disk_cache import load_description as load_description
-from rosidl_py_gen.type_loading.disk_cache import store_description as store_description
 from rosidl_py_gen.type_loading.from_description import DescribedType as DescribedType
 from rosidl_py_gen.type_loading.from_description import DistributionVariants as DistributionVariants
 from rosidl_py_gen.type_loading.from_description import definition_text as definition_text
