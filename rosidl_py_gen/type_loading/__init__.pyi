@@ -10,7 +10,6 @@ from rosidl_py_gen.type_loading.class_lookup import get_action as get_action
 from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
 from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
 from rosidl_py_gen.type_loading.class_lookup import load_compiler as load_compiler
-from rosidl_py_gen.type_loading.class_lookup import registry_of_text as registry_of_text
 from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES as MAX_DESCRIPTION_BYTES
 from rosidl_py_gen.type_loading.disk_cache import CachedDescription as CachedDescription
 from rosidl_py_gen.type_loading.disk_cache import cache_problems as cache_problems

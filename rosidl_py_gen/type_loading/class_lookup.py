@@ -105,26 +105,15 @@ def compile_definition(name: str, text: str) -> type[Any]:
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
     top = split_ros_name(name, "msg")
+    if not isinstance(text, str):
+        raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
+    from rosidl_py_gen.compiler.frontend import registry_from_text
+
     with _lock:
-        registry = registry_of_text(name, text)
+        registry = registry_from_text(top, text, _registry(()).search)
     _import_classes(registry, top)
     with _lock:
         return _class(registry, top, _same_definition_and_defaults)
-
-
-def registry_of_text(name: str, text: str) -> InterfaceRegistry:
-    """Return a registry with the checked definitions of a definition text of a bag.
-
-    Arguments and errors are as for `compile_definition`.
-    """
-    from rosidl_py_gen.compiler.frontend import registry_from_text
-
-    if not isinstance(text, str):
-        raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
-    top = split_ros_name(name, "msg")
-    with _lock:
-        search = _registry(()).search
-    return registry_from_text(top, text, search)
 
 
 # --- by hash ----------------------------------------------------------------------------------------------------------

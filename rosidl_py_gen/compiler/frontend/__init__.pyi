@@ -13,7 +13,6 @@ from rosidl_py_gen.compiler.frontend.literal_values import split_strings as spli
 from rosidl_py_gen.compiler.frontend.model import ConstantDef as ConstantDef
 from rosidl_py_gen.compiler.frontend.model import FieldDef as FieldDef
 from rosidl_py_gen.compiler.frontend.model import MessageDef as MessageDef
-from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH as MAX_FOLDER_DEPTH
 from rosidl_py_gen.compiler.frontend.package_files import BudgetError as BudgetError
 from rosidl_py_gen.compiler.frontend.package_files import PackageBudget as PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError as UnreadableError
