@@ -22,7 +22,6 @@ from rosidl_py_gen.compiler.frontend import (
     Package,
     SearchPath,
     Workspace,
-    holds_packages,
     note,
     recorded,
     scan_search_path,
@@ -74,11 +73,13 @@ def search(
 
 
 def _folders(path: Sequence[str], workspace: Workspace | None) -> list[str]:
-    folders = [one for one in path if holds_packages(Path(one)) or not Workspace(Path(one).resolve()).packages]
+    folders = [
+        one for one in path if Workspace(Path(one)).holds_interfaces or not Workspace(Path(one).resolve()).packages
+    ]
     if workspace is not None:
         given = [Path(one).resolve() for one in path]
         roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
-        folders += [str(place) for place in roots if holds_packages(place)]
+        folders += [str(place) for place in roots if Workspace(place).holds_interfaces]
     return folders
 
 

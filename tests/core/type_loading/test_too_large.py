@@ -18,7 +18,7 @@ from rosidl_py_gen.base.fieldtype import FieldType
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_ELEMENTS
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.type_loading.from_description import compile_described
+from rosidl_py_gen.type_loading.from_description import DescribedType
 
 WIDE = "".join(f"float32 f{i}\n" for i in range(MAX_ELEMENTS + 1))
 AT_LIMIT = "".join(f"float32 f{i}\n" for i in range(MAX_ELEMENTS))
@@ -84,7 +84,7 @@ def test_descriptions_of_nodes_are_refused() -> None:
         for name, found in {"wide_msgs/msg/Many": rows, "wide_msgs/msg/Pair": pair}.items()
     }
     with pytest.raises(DefinitionError, match=r"wide_msgs/msg/Many has 2001 fields .* at most 2000 are allowed"):
-        compile_described("wide_msgs/msg/Many", described, {})
+        DescribedType("wide_msgs/msg/Many", described).load()
 
 
 def test_other_topics_of_a_bag_are_read(tmp_path: Path) -> None:

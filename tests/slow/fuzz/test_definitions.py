@@ -22,7 +22,7 @@ from rosidl_py_gen.bags import DecoderFactory
 from rosidl_py_gen.base.descriptions import individual_descriptions
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError
-from rosidl_py_gen.type_loading.from_description import compile_described, definition_text
+from rosidl_py_gen.type_loading.from_description import DescribedType, definition_text
 
 LINE = "=" * 80
 MAX_S = 10.0
@@ -196,7 +196,7 @@ class Definitions(RuleBasedStateMachine):
 
     @rule(name=full_names, announced=individuals, texts=sources, is_service=st.booleans())
     def compile_announced_type(self, name: str, announced: Any, texts: Any, is_service: bool) -> None:
-        self._keep(run_bounded(lambda: compile_described(name, announced, texts, is_service=is_service)))
+        self._keep(run_bounded(lambda: DescribedType(name, announced, texts, is_service=is_service).load()))
 
     @precondition(lambda self: self.made)
     @rule(data=st.data(), change=st.tuples(st.integers(0, 200), st.text(max_size=3)))
@@ -208,7 +208,7 @@ class Definitions(RuleBasedStateMachine):
             self._keep(
                 run_bounded(lambda: compile_definition(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :]))
             )
-        run_bounded(lambda: compile_described(cls._TYPE.name, individual_descriptions(type_description(cls)), {}))
+        run_bounded(lambda: DescribedType(cls._TYPE.name, individual_descriptions(type_description(cls))).load())
 
 
 TestDefinitions = Definitions.TestCase

@@ -183,8 +183,8 @@ def test_messages_between_all_pairs_of_distributions_are_dropped_and_named(
     subscription, publisher = bob.create_subscription(ours, "t"), alice.create_publisher(theirs, "t")
     publisher.publish(theirs())
     assert (subscription.take(), subscription.incompatible_dropped, subscription.undecodable) == (None, 1, 0)
-    distros = type_loading.distributions_with(name, our_hash, their_hash)
-    assert " ".join(distros) == HASHES[name][their_hash]
+    variants = type_loading.DistributionVariants.find(name, our_hash)
+    assert variants is not None and " ".join(variants.with_hash(their_hash)) == HASHES[name][their_hash]
 
 
 # --- writers without hash ---------------------------------------------------------------------------------------------
@@ -327,7 +327,7 @@ async def test_unreadable_definitions_of_other_distributions_are_logged(
     def fail(*_: object) -> None:
         raise DefinitionError.__new__(DefinitionError)
 
-    monkeypatch.setattr(type_loading, "other_hashes", fail)
+    monkeypatch.setattr(type_loading, "DistributionVariants", fail)
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)

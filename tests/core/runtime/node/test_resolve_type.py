@@ -13,7 +13,7 @@ from support.raw_endpoints import reply_name, request_name, topic_name
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash, type_loading
+from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError, type_descriptions
 from rosidl_py_gen.type_loading import from_description
@@ -244,8 +244,7 @@ async def test_generated_class_uses_nested_humble_definitions_for_humble_node(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sonar: Any = compile_definition(f"sonar_msgs/msg/Generated{next(_numbers)}", "sensor_msgs/Range[] all")
-    monkeypatch.setattr(from_description, "find_named_class", lambda name, **_: sonar)
-    monkeypatch.setattr(type_loading, "find_named_class", lambda name, **_: sonar)
+    monkeypatch.setattr(from_description, "get_named_class", lambda name, **_: sonar)
     monkeypatch.setattr(from_description, "find_installed_class", lambda name: sonar)
     teller(memory, "robot", None).create_publisher(without_hash(sonar), "t")
     cls = await memory.node("asker").resolve_type("t", timeout_s=10)
