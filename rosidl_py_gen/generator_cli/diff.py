@@ -215,13 +215,14 @@ def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
 
     parts: list[tuple[str, DefinitionSet]] = []
     notes: list[str] = []
-    search = scan_search_path()  # for types that the text of a bag lacks
+    search: SearchPath | None = None
     with BagReader(path, search_path=[*paths]) as bag:
         for channel in bag.channels:
             try:
                 found = bag.definition(channel)
                 text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
                 name = split_ros_name(channel.type_name, "msg")
+                search = search or scan_search_path()  # for types that the text of a bag lacks
                 registry = registry_from_text(name, text, search)
             except RosidlError as error:
                 notes.append(f"{path}: skipped {channel.name} [{channel.type_name}]: {error}")

@@ -83,7 +83,7 @@ def _cache_problem(folder: Path) -> str:
 
 
 def cache_problems() -> list[tuple[str, str]]:
-    """Return a text about each problem that keeps caches from being used, with an advice for the user."""
+    """Return a text about each problem that keeps caches from being used, with advice for the user."""
     home = _cache_home()
     reasons = [] if home is None else [_cache_problem(home / kind) for kind in _KINDS]
     text = f"the cache {home} is not used, so that no other user can make programs of this one run code"

@@ -187,7 +187,7 @@ class DistributionVariants:
         return tuple(distro for distro, one in self.hashes.items() if one == type_hash)
 
     def fits(self, data: Any, distro: str = "") -> bool:
-        """Return True if data is exactly one message of the class, or of its type in a distribution.
+        """Return True if data is exactly one message of the class, or, with `distro`, of its type in that distribution.
 
         After the message, only the padding of the network may follow.
         """

@@ -39,7 +39,12 @@ have steps of 2 s."""
 def workspace_packages(workspace: Workspace) -> dict[str, Path]:
     """Return the folders of a workspace's packages by name, from the cache if nothing has changed."""
     settings = ("workspace", str(workspace.folder), workspace.depth, str(workspace.own))
-    found = cached(settings, lambda: {name: str(path) for name, path in workspace.packages.items()})
+
+    def scan() -> dict[str, str]:
+        # A copy, because a workspace that was read before notes no paths.
+        return {name: str(path) for name, path in replace(workspace).packages.items()}
+
+    found = cached(settings, scan)
     return {name: Path(path) for name, path in found.items()}
 
 
@@ -57,7 +62,7 @@ def search(
         bundled = [interfaces_dir()] if choice.name == DEFAULT else [place for place, *_ in os.walk(interfaces_dir())]
         for place in (*sys.path, *bundled):
             note(place)
-        # A copy, because a workspace that was read before notes no paths.
+        # A copy as in `workspace_packages`.
         folders = _folders(path, None if workspace is None else replace(workspace))
         found = scan_search_path(folders, distro=choice.name if choice.is_explicit else None)
         rows = [[_row(package) for package in packages] for packages in (found.packages.values(), found.hidden)]

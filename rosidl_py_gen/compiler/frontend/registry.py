@@ -187,7 +187,8 @@ class InterfaceRegistry:
     def with_dependencies(self, top: RosName) -> list[RosName]:
         """Return a checked interface and all interfaces that it refers to, at any depth.
 
-        Types to which only messages refer that ROS derives from services and actions are omitted.
+        Types of `DERIVED_TYPES_PACKAGES` are omitted where a service or an action refers to them, because ROS adds such
+        fields to each.
         """
         needed: dict[RosName, None] = {}
         pending = [top]

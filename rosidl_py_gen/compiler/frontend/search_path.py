@@ -501,7 +501,7 @@ class Workspace:
 
     @property
     def holds_interfaces(self) -> bool:
-        """True if the folder contains a package with interfaces.
+        """True if `folder` itself contains a package with interfaces; reads the folder at each access.
 
         Raises:
             DefinitionError: a folder or package.xml cannot be read.
