@@ -233,8 +233,7 @@ def get_logger(name: str) -> RosLogger:
 
 
 def caller_stacklevel() -> int:
-    """Return the `stacklevel` of a record that names the first caller outside of this package; 1 without such a caller.
-    """
+    """Return the `stacklevel` of a record that names the first caller outside of this package; 1 if there is none."""
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_code.co_filename in _INTERNAL_FILES:
         frame = frame.f_back
