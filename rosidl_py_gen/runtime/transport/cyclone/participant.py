@@ -432,6 +432,7 @@ class CycloneParticipant:
 
     def detach_after_fork(self) -> None:
         self._closed = True
+        self.fast_dds.forget()
         Domain.detach_after_fork()
 
     def close(self) -> None:
