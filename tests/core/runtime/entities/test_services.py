@@ -12,7 +12,7 @@ from std_srvs.srv import Empty, SetBool
 from support.waiting import until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, TransportError, WaitTimeoutError
 from rosidl_py_gen.runtime.entities.services import AlreadyRespondedError, ServiceRequest
 from rosidl_py_gen.runtime.transport.dds.services import add_request_header
 
@@ -103,6 +103,24 @@ async def test_delayed_replies_are_sent_when_their_server_closes(memory: World, 
     (await anext(server)).respond(AddTwoInts.Response(sum=7))
     server.close()
     assert (await call).sum == 7
+
+
+async def test_call_that_cannot_be_sent_leaves_no_timeout(memory: World, monkeypatch: Any) -> None:
+    alice, bob = memory.pair()
+    alice.create_service(AddTwoInts, "add", add)
+    client = bob.create_client(AddTwoInts, "add")
+    await client.wait_for_service(timeout_s=5)
+
+    def refuse(*_: object) -> None:
+        raise TransportError("no memory")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(client._transport_client, "send", refuse)
+        with pytest.raises(TransportError, match="no memory"):
+            await client.call(Request(), timeout_s=60)
+    assert client._timeouts is None and client.in_flight_count == 0
+    assert (await client.call(Request(a=1, b=2), timeout_s=60)).sum == 3
+    assert client._timeouts is not None
 
 
 async def test_a_call_without_server_times_out(world: World) -> None:
