@@ -225,7 +225,7 @@ def _service_mismatches(node: Node) -> Iterator[Finding]:
     for service, _ in node.get_service_names_and_types():
         for one in node.incompatible_endpoints_of_service(service):
             text = f"no calls of {service} from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
-            advice = "use the same type and definition for both" if one.kind != "qos" else ""
+            advice = f"use the same type and {_definition_text(node)} for both" if one.kind != "qos" else ""
             yield Finding(WARNING, text, advice, public="a client and a server of a service are incompatible")
 
 
@@ -234,11 +234,15 @@ def _mismatch(node: Node, topic: str, one: Mismatch) -> Iterator[Finding]:
     if one.kind == "type":
         yield Finding(WARNING, text, public="types differ on a topic")
     elif one.kind == "qos":
-        advice, public = "", "a publisher and a subscription of a topic are incompatible"
-        if node.context.middleware != "Zenoh":  # there the reason may contain a type
-            advice = "use the same reliability and durability for both, or the stronger ones for the publisher"
-            public += f": {one.reason}"
+        advice = "use the same reliability and durability for both, or the stronger ones for the publisher"
+        public = f"a publisher and a subscription of a topic are incompatible: {one.reason}"
         yield Finding(WARNING, text, advice, public=public)
     else:
-        advice = "use the same definition for both; nodes of this package drop such messages, others may misread them"
+        advice = f"use the same {_definition_text(node)} for both"
+        if node.context.middleware != "Zenoh":  # Zenoh does not connect them
+            advice += "; nodes of this package drop such messages, others may misread them"
         yield Finding(WARNING, text, advice, public="definitions differ on a topic")
+
+
+def _definition_text(node: Node) -> str:
+    return "definition and format of Zenoh keys" if node.context.middleware == "Zenoh" else "definition"
