@@ -173,7 +173,7 @@ def is_own(found: os.stat_result) -> bool:
 
 
 def make_folder(folder: Path, mode: int = PRIVATE) -> None:
-    """Create a folder and its missing parents with permissions that let the user use them, whatever the umask is.
+    """Create a folder and its missing parents with permissions that let the user use them, with any umask.
 
     The umask may remove permissions of groups and other users from `mode`; it adds none.
     """

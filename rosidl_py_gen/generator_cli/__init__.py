@@ -134,7 +134,7 @@ class _Group(click.Group):
     "--uninstall",
     "action",
     flag_value="uninstall",
-    help="Uninstall message packages of --install and of wheels: all, or those of --filter.",
+    help="Uninstall message packages of --install and of wheels: all, or the packages of --filter.",
 )
 @click.option(
     "--force",
@@ -419,7 +419,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     multiple=True,
     metavar="NAME",
     type=DISTRIBUTION,
-    help="ROS 2 distribution: twice in the place of OLD and NEW, or once in that of OLD.",
+    help="ROS 2 distribution: twice in the place of OLD and NEW, or once in the place of OLD.",
 )
 @_FILTER(help="Packages or interfaces to compare, separated by : or ;. May be repeated.")
 @click.option(
@@ -505,7 +505,7 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
     "file",
     metavar="FILE",
     type=click.Path(dir_okay=False),
-    help="Wheel of cyclonedds with the library, instead of the one of the package index.",
+    help="Wheel of cyclonedds with the library, instead of the wheel of the package index.",
 )
 @_JSON
 def libddsc(file: str | None, as_json: bool) -> None:

@@ -209,7 +209,7 @@ class TypeResolver:
         from rosidl_py_gen.type_loading import find_class_of, find_named_class
 
         name, path = announcement.type_name, self._path
-        reason = f"the nodes of {self._subject} announce no hash for {name}, as those of ROS 2 Humble do"
+        reason = f"the nodes of {self._subject} announce no hash for {name}, as nodes of ROS 2 Humble do"
         if self._wanted_hash:
             cls = await self._find_local(announcement, self._matches(announcement))
             if cls is None:

@@ -234,7 +234,7 @@ class Recorder:
             self.recorded.add(name)
             self._owners |= {TopicOwner("topic", name), owner_of(name, kinds[0])}
             if len(kinds) > 1:
-                terminal_output.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
+                terminal_output.note(f"{name} has several types, {', '.join(kinds)}: recording messages of {kinds[0]}")
             self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))
 
     def _is_valid(self, topic: str, kind: str) -> bool:

@@ -317,7 +317,7 @@ class ParameterClient(CompositeEntity):
         return result
 
     async def _read_batch(self, names: list[str], deadline: Deadline) -> dict[str, ParameterValue]:
-        """Return the values of those of the requested parameters that have a value, with further requests if necessary.
+        """Return the values of the requested parameters that have one, with further requests if necessary.
 
         A node returns no value at all if one of the requested parameters has no value.
         """
