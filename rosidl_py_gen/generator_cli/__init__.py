@@ -523,11 +523,11 @@ def libddsc(file: str | None, as_json: bool) -> None:
     from rosidl_py_gen.wheels import libddsc
 
     is_found = file is None and library.is_found()
-    path = library.find().file if is_found else (installed := libddsc.install(file)).path
+    path = library.find_library().file if is_found else (installed := libddsc.install(file)).path
     if as_json or _group_option("as_json", False):
         print_json({"libddsc": path, "installed": not is_found})
     else:
-        echo(f"nothing to install: {library.find()}" if is_found else installed.text)
+        echo(f"nothing to install: {library.find_library()}" if is_found else installed.text)
 
 
 @cli.command()

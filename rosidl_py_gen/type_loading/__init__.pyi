@@ -13,9 +13,9 @@ from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
 from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
 from rosidl_py_gen.type_loading.class_lookup import load_compiler as load_compiler
 from rosidl_py_gen.type_loading.class_lookup import registry_of_text as registry_of_text
+from rosidl_py_gen.type_loading.disk_cache import CACHE_VARIABLE as CACHE_VARIABLE
 from rosidl_py_gen.type_loading.disk_cache import KINDS as KINDS
 from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES as MAX_DESCRIPTION_BYTES
-from rosidl_py_gen.type_loading.disk_cache import VARIABLE as VARIABLE
 from rosidl_py_gen.type_loading.disk_cache import cache_home as cache_home
 from rosidl_py_gen.type_loading.disk_cache import cache_problem as cache_problem
 from rosidl_py_gen.type_loading.disk_cache import cached_descriptions as cached_descriptions

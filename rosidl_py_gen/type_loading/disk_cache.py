@@ -32,7 +32,7 @@ from rosidl_py_gen.base.resources import templates_dir
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-VARIABLE = "ROSIDL_PY_GEN_CACHE"
+CACHE_VARIABLE = "ROSIDL_PY_GEN_CACHE"
 """Environment variable with the folder of all caches; the value ``off`` disables all caches."""
 KINDS = ("modules", "prefix", "share", "types")
 """Names of the folders in the folder of all caches, one for each kind of cache."""
@@ -48,7 +48,7 @@ _DESCRIPTION = ".cdr"
 
 def cache_home() -> Path | None:
     """Return the folder of all caches; None if caches are disabled."""
-    chosen = os.environ.get(VARIABLE, "")
+    chosen = os.environ.get(CACHE_VARIABLE, "")
     if chosen == "off":
         return None
     try:
@@ -164,7 +164,7 @@ def warn_once(problem: str) -> None:
     """Warn, once in a process, that a cache cannot be used because of `problem` and that a temporary folder is used
     instead.
     """
-    cure = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
+    cure = f"correct the mode or the owner, or set {CACHE_VARIABLE} to a folder of the user"
     warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {cure}", stacklevel=4)
 
 
@@ -306,7 +306,7 @@ def read_checked(path: Path) -> bytes:
 
 def cache_folder() -> Path | None:
     """Return the folder of cached type descriptions; None if the folder must not be used."""
-    return _usable_folder("" if os.environ.get(VARIABLE) else "types")
+    return _usable_folder("" if os.environ.get(CACHE_VARIABLE) else "types")
 
 
 def load_description(type_hash: str) -> bytes | None:

@@ -26,8 +26,8 @@ from rosidl_py_gen.compiler.frontend import scan_search_path
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
+from rosidl_py_gen.type_loading import CACHE_VARIABLE, cache_home, cache_problem
 from rosidl_py_gen.type_loading import KINDS as CACHE_KINDS
-from rosidl_py_gen.type_loading import VARIABLE, cache_home, cache_problem
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -281,7 +281,7 @@ def _caches() -> Iterator[Finding]:
         yield Finding(
             WARNING,
             f"the cache {home} is not used, so that no other user can make programs of this one run code: {reason}",
-            f"correct the mode or the owner, or set {VARIABLE} to a folder of the user",
+            f"correct the mode or the owner, or set {CACHE_VARIABLE} to a folder of the user",
         )
 
 

@@ -63,7 +63,7 @@ from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effecti
 
 _MAX_IDLE_TOPICS = 256
 
-LIBRARY = library.find()
+LIBRARY = library.find_library()
 API = library.CycloneApi(LIBRARY.handle)
 """Functions of the loaded library."""
 FAST_DDS_SUPPORT = FastDdsSupport(API, LIBRARY.unsupported_elements)
