@@ -81,8 +81,8 @@ async def test_message_of_lyrical_definition_is_dropped_and_logged(
     await until(lambda: bool(warnings_of_bob()))  # as soon as the name of the node is known
     (warning,) = warnings_of_bob()
     assert warning == (
-        f"{start}Event differ: {type_hash(LyricalEvent)} and {type_hash(Event)}. The definition of node /alice is that "
-        'of ROS 2 lyrical: set ROS_DISTRO=lyrical, or pass distro="lyrical" to get_message'
+        f"{start}Event differ: {type_hash(LyricalEvent)} and {type_hash(Event)}. The definition of node /alice belongs "
+        'to ROS 2 lyrical: set ROS_DISTRO=lyrical, or pass distro="lyrical" to get_message'
     )
 
 
@@ -353,7 +353,7 @@ async def test_client_does_not_call_server_of_another_definition(
     with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
         await client.call(ours.Request(), 0.3)
     assert requests == []
-    advice = 'that of ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
+    advice = 'belongs to ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
     await until(lambda: advice in caplog.text)
 
 
