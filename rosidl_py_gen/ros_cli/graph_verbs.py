@@ -1,10 +1,8 @@
-"""Functions that make the commands ``list``, ``find`` and ``type``, which are the same for topics, services and
-actions.
-"""
+"""Commands ``list``, ``find`` and ``type``, equal for topics, services and actions, and requests to many nodes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -13,13 +11,14 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Node
 
     Option = Callable[[Any], Any]
     Rows = Callable[[Node], list[dict[str, Any]]]
+T = TypeVar("T")
 
 
 async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, type_name: str = "") -> list[Any]:
@@ -36,6 +35,24 @@ async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, 
     command_node.note_if_alone()
     rows = [row for row in rows_of(command_node.node) if hidden or not is_hidden(row["name"])]
     return [row for row in rows if not type_name or type_name in row["types"]]
+
+
+async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
+    """Await requests to nodes concurrently; return results by node name. A failed request only prints a note."""
+    import asyncio
+
+    from rosidl_py_gen.errors import RosidlError
+
+    results: dict[str, T] = {}
+    outcomes = await asyncio.gather(*requests.values(), return_exceptions=True)
+    for name, outcome in zip(requests, outcomes, strict=True):
+        if isinstance(outcome, RosidlError):
+            terminal_output.note(f"{name}: {outcome}")
+        elif isinstance(outcome, BaseException):
+            raise outcome
+        else:
+            results[name] = outcome
+    return results
 
 
 def list_verb(kind: str, examples: str, rows_of: Rows, *more: Option) -> Callable[..., None]:
@@ -78,12 +95,10 @@ def type_verb(kind: str, example: str, *more: Option) -> Callable[..., None]:
     """Return the command ``type`` of a topic, service or action (`kind`); `more` may add an option `timeout_s`."""
 
     async def type_(command_node: CommandNode, as_json: bool, timeout_s: float | None = None, **name: str) -> None:
-        from rosidl_py_gen.command_support.graph_lookup import announced_types
-
         full_name = await command_node.find(kind, name[kind], timeout_s)
         if kind == "topic":  # other publishers may have another type
             await command_node.wait_for_discovery()
-        terminal_output.result(announced_types(command_node, kind, full_name), as_json)
+        terminal_output.result(command_node.announced_types(kind, full_name), as_json)
 
     type_.__doc__ = f"Print the type of a{'n' if kind == 'action' else ''} {kind}.\n\n\b\n{example}"
     argument = click.argument(kind, shell_complete=options.completion(f"{kind}s"))

@@ -21,7 +21,7 @@ from rosidl_py_gen.base.resources import install_command, interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.ros_cli.message_text import message_from
-from rosidl_py_gen.type_loading.disk_cache import CACHE_VARIABLE, store_description
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, store_description
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -216,7 +216,7 @@ POINT = "nowhere_msgs/msg/Inner"
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
@@ -314,6 +314,6 @@ def test_search_path_precedes_cached_definitions(cached_command: RunHere, monkey
     _, out, err = cached_command("show", "std_msgs/msg/String")
     assert out.endswith("string data\n") and err == ""
     for setting in ("/proc/nowhere", "off"):
-        monkeypatch.setenv(CACHE_VARIABLE, setting)
+        monkeypatch.setenv(VARIABLE, setting)
         code, _, err = cached_command("show", "nowhere_msgs/msg/Kind")
         assert code == 1 and 'no package "nowhere_msgs"' in err

@@ -13,7 +13,7 @@ import pytest
 
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.disk_cache import CACHE_VARIABLE, cache_folder, load_description, store_description
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, cache_folder, load_description, store_description
 
 HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
 
@@ -25,14 +25,14 @@ HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
         ({"HOME": "/home/me"}, "/home/me/.cache/rosidl-py-gen/types"),
         ({"HOME": "/home/me", "XDG_CACHE_HOME": "/var/me"}, "/var/me/rosidl-py-gen/types"),
         ({"HOME": "/home/me", "XDG_CACHE_HOME": "relative"}, "/home/me/.cache/rosidl-py-gen/types"),
-        ({"XDG_CACHE_HOME": "/var/me", CACHE_VARIABLE: "/elsewhere"}, "/elsewhere"),
-        ({CACHE_VARIABLE: "off"}, None),
+        ({"XDG_CACHE_HOME": "/var/me", VARIABLE: "/elsewhere"}, "/elsewhere"),
+        ({VARIABLE: "off"}, None),
     ],
 )
 def test_cache_folder_is_set_by_platform_or_environment_variable(
     monkeypatch: pytest.MonkeyPatch, settings: dict[str, str], folder: str | None
 ) -> None:
-    for name in ("HOME", "XDG_CACHE_HOME", CACHE_VARIABLE):
+    for name in ("HOME", "XDG_CACHE_HOME", VARIABLE):
         monkeypatch.delenv(name, raising=False)
     for name, value in settings.items():
         monkeypatch.setenv(name, value)
@@ -42,7 +42,7 @@ def test_cache_folder_is_set_by_platform_or_environment_variable(
 def test_stored_descriptions_are_loaded_and_the_oldest_are_evicted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "new" / "folder"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "folder"))
     monkeypatch.setattr(disk_cache, "MAX_DESCRIPTIONS", 3)
     for age, one in enumerate(HASHES):
         assert load_description(one) is None
@@ -55,7 +55,7 @@ def test_stored_descriptions_are_loaded_and_the_oldest_are_evicted(
 def test_too_large_descriptions_and_unusable_folders_are_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
     store_description(HASHES[0], bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
     (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
@@ -71,7 +71,7 @@ def test_too_large_descriptions_and_unusable_folders_are_skipped(
 
 
 def test_failed_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
 
     def fail(*_: object) -> None:
         raise OSError("no space left on device")
@@ -89,7 +89,7 @@ needs_root = pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0,
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of all caches in a folder of the user."""
     make_folder(tmp_path / "user")
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "user/caches"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "user/caches"))
     disk_cache.warn_once.cache_clear()
     return tmp_path / "user/caches"
 
@@ -217,7 +217,7 @@ def test_a_cache_that_cannot_be_created_is_replaced_by_a_temporary_folder(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home.touch()
-    monkeypatch.setenv(CACHE_VARIABLE, str(home / "below/a/file"))
+    monkeypatch.setenv(VARIABLE, str(home / "below/a/file"))
     with pytest.warns(UserWarning, match="a temporary folder is used instead of the cache"):
         assert disk_cache.cached_folder("prefix", ["words"]).is_dir()
 
@@ -228,7 +228,7 @@ def test_temporary_folders_are_not_created_where_other_users_can_replace_them(
 ) -> None:
     make_folder(home / "open")
     (home / "open").chmod(0o777)
-    monkeypatch.setenv(CACHE_VARIABLE, "off")
+    monkeypatch.setenv(VARIABLE, "off")
     monkeypatch.setattr(tempfile, "tempdir", str(home / "open"))
     disk_cache.temporary_home.cache_clear()
     folder = disk_cache.cached_folder("prefix", ["words"])

@@ -19,7 +19,7 @@ from rosidl_py_gen import DefinitionError, ImportHookWarning, RosidlError, get_m
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.disk_cache import CACHE_VARIABLE
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE
 
 PACKAGE_XML = "<package><name>{}</name></package>"
 APIS = pytest.mark.parametrize("message_api", ["native", "rclpy"])
@@ -27,7 +27,7 @@ APIS = pytest.mark.parametrize("message_api", ["native", "rclpy"])
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     # Other tests of this process generate packages.
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if not Path(entry, "std_msgs").is_dir()])
@@ -341,7 +341,7 @@ def test_untrusted_and_disabled_caches_are_not_used(
     definitions: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, setting: str
 ) -> None:
     if setting == "off":
-        monkeypatch.setenv(CACHE_VARIABLE, "off")
+        monkeypatch.setenv(VARIABLE, "off")
     elif not hasattr(os, "geteuid"):
         pytest.skip("files have no owner")
     else:

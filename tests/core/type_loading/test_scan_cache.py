@@ -15,7 +15,7 @@ from rosidl_py_gen.compiler.frontend import search_path
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.type_loading import scan_cache
-from rosidl_py_gen.type_loading.disk_cache import CACHE_VARIABLE
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE
 from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 
 JAZZY = DistributionChoice("jazzy", False)
@@ -32,7 +32,7 @@ FILES = {
 
 @pytest.fixture(autouse=True)
 def _folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
     monkeypatch.setattr(scan_cache, "MIN_AGE_NS", -(10**18))  # searches of files written just now are cached, too
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     write(tmp_path, FILES)
@@ -97,7 +97,7 @@ def test_change_of_a_workspace_is_found_as_without_cache(
     CHANGES[change](tmp_path / "ws" / "src")
     found, packages = _found(tmp_path), workspace_packages(_workspace(tmp_path))
     with monkeypatch.context() as patch:
-        patch.setenv(CACHE_VARIABLE, "off")
+        patch.setenv(VARIABLE, "off")
         assert found == _found(tmp_path) and packages == _workspace(tmp_path).packages
     assert found != before or packages != packages_before
 
@@ -184,7 +184,7 @@ def test_unusable_cache_folder_is_ignored(
     if place == "file":
         (tmp_path / "cache").write_text("")
     elif place in ("off", "read-only"):
-        monkeypatch.setenv(CACHE_VARIABLE, "off" if place == "off" else "/proc/nowhere")
+        monkeypatch.setenv(VARIABLE, "off" if place == "off" else "/proc/nowhere")
     else:
         (tmp_path / "cache" / "modules").mkdir(parents=True)
         (tmp_path / "cache" / "modules").chmod(0o777)
