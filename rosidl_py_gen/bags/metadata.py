@@ -13,7 +13,7 @@ import yaml
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, DurableFile
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
-from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, compose_yaml, load_yaml
+from rosidl_py_gen.base.yaml_text import YamlError, compose_yaml, load_yaml
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
+_MAX_BYTES = 1 << 26
+"""Maximum bytes of ``metadata.yaml``; rosbag2 writes about 250 bytes for each file and topic of a bag."""
 _MAX_QOS_BYTES = 1 << 20
 """Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
 _POLICIES = sorted(POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
@@ -63,11 +65,11 @@ def read_metadata(folder: Path) -> BagMetadata:
     path = folder / FILE
     try:
         with path.open("rb") as stream:
-            text = stream.read(MAX_BYTES + 1)
+            text = stream.read(_MAX_BYTES + 1)
     except OSError as error:
         raise BagError(f"{path}: {error.strerror}; every bag folder has this file") from None
     try:
-        value = load_yaml(text)
+        value = load_yaml(text, max_bytes=_MAX_BYTES)
     except YamlError as error:
         raise BagError(f"{path}: not YAML: {error}") from None
     try:

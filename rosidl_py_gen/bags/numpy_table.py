@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH, Column, FieldPathError, Get, message_columns
+from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH, Column, FieldPathError, message_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from rosidl_py_gen.bags.common import BagMessage
 
@@ -59,7 +59,7 @@ def table(
     return _as_array(columns, times, values, where, pad)
 
 
-def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Get]:
+def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Callable[[Any], Any]]:
     """Return one function for each column of a table; it returns the column's value for a message.
 
     Raises:
@@ -73,7 +73,7 @@ def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Ge
     return [_copying_getter(column, pad) for column in columns]
 
 
-def _copying_getter(column: Column, pad: Any) -> Get:
+def _copying_getter(column: Column, pad: Any) -> Callable[[Any], Any]:
     """Return a function that reads the value of a column from a message and copies sequences.
 
     A sequence of a decoded message shares the memory of the message, which would otherwise stay in memory.
@@ -93,7 +93,7 @@ def _copying_getter(column: Column, pad: Any) -> Get:
     return fixed
 
 
-def _value_or_pad(column: Column, get: Get, message: Any, pad: Any, place: str) -> Any:
+def _value_or_pad(column: Column, get: Callable[[Any], Any], message: Any, pad: Any, place: str) -> Any:
     try:
         return get(message)
     except IndexError as error:

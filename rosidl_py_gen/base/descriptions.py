@@ -18,53 +18,17 @@ FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
 T = TypeVar("T")
 
-EMPTY_MESSAGE: tuple[FieldRow, ...] = (("structure_needs_at_least_one_member", FieldType("uint8"), ""),)
-
-
-def service_rows(name: str) -> tuple[FieldRow, ...]:
-    """Return the fields in the type description of a service: its request, response and event."""
-    return tuple(
-        (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
-    )
-
-
-def action_rows(name: str) -> tuple[FieldRow, ...]:
-    """Return the fields in the type description of an action: its messages and services."""
-    fields = ("goal", "result", "feedback", "send_goal_service", "get_result_service", "feedback_message")
-    suffixes = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
-    return tuple((field, FieldType(f"{name}_{part}"), "") for field, part in zip(fields, suffixes, strict=True))
-
-
-def default_text(value: object) -> str:
-    """Return a default value, a scalar or tuple, as text for a type description; "" for None.
-
-    Source: docs/internals/protocol.md 3.4.
-    """
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else repr(value)
+EMPTY_MESSAGE = ("structure_needs_at_least_one_member", FieldType("uint8"))
+"""Name and type of the field that messages without fields have in type descriptions."""
 
 
 def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
     """Return the type description of one type from its fields, without the types that it refers to."""
     fields = [
         {"name": field, "type": kind.description(), "default_value": default}
-        for field, kind, default in (tuple(rows) or EMPTY_MESSAGE)
+        for field, kind, default in (tuple(rows) or [(*EMPTY_MESSAGE, "")])
     ]
     return {"type_name": name, "fields": fields}
-
-
-def build_type_description(name: str, lookup: FieldLookup) -> Description:
-    """Return the type description of a type and of all types to which it refers, made from the fields of each type."""
-    return full_description(name, lambda part: individual_description(part, lookup(part)))
-
-
-def full_description(name: str, individual: Callable[[str], Description]) -> Description:
-    """Return the type description of a type and of all types to which it refers, made from descriptions of single
-    types.
-    """
-    top, *referenced = _closure(name, individual, _nested_types).values()
-    return {"type_description": top, "referenced_type_descriptions": referenced}
 
 
 def _nested_types(individual: Description) -> Iterable[str]:
@@ -112,19 +76,46 @@ def _hash(top: str, referenced: Iterable[str]) -> str:
     return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
 
 
-class TypeHasher:
-    """Calculator of RIHS01 hashes of types that refer to each other; the hashed text of each type is made only once."""
+class TypeDescriptions:
+    """Type descriptions and RIHS01 hashes of types that refer to each other, made from the fields of each type.
+
+    The function that looks up fields must know all types that a type contains, or raise an exception. The hashed text
+    of each type is made only once.
+    """
 
     def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
         self._texts: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._hashes: dict[str, str] = {}
 
-    def of(self, name: str) -> str:
-        """Return the RIHS01 hash of the type `name`.
+    @staticmethod
+    def service_rows(name: str) -> tuple[FieldRow, ...]:
+        """Return the fields in the type description of a service: its request, response and event."""
+        return tuple(
+            (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
+        )
 
-        The function that looks up fields must know all types that the type contains, or raise an exception.
+    @staticmethod
+    def action_rows(name: str) -> tuple[FieldRow, ...]:
+        """Return the fields in the type description of an action: its messages and services."""
+        fields = ("goal", "result", "feedback", "send_goal_service", "get_result_service", "feedback_message")
+        suffixes = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
+        return tuple((field, FieldType(f"{name}_{part}"), "") for field, part in zip(fields, suffixes, strict=True))
+
+    def of(self, name: str) -> Description:
+        """Return the type description of a type and of all types to which it refers."""
+        return self.assemble(name, lambda part: individual_description(part, self._lookup(part)))
+
+    @staticmethod
+    def assemble(name: str, individual: Callable[[str], Description]) -> Description:
+        """Return the type description of a type and of all types to which it refers, made from descriptions of single
+        types.
         """
+        top, *referenced = _closure(name, individual, _nested_types).values()
+        return {"type_description": top, "referenced_type_descriptions": referenced}
+
+    def hash_of(self, name: str) -> str:
+        """Return the RIHS01 hash of a type."""
         if name not in self._hashes:
             (top, _), *others = _closure(name, self._text, lambda found: found[1]).values()
             self._hashes[name] = _hash(top, (text for text, _ in others))

@@ -38,6 +38,10 @@ class DistributionChoice(NamedTuple):
     name: str
     is_explicit: bool
 
+    def is_since(self, distro: str) -> bool:
+        """Return True if the selected distribution is `distro` or a later one."""
+        return DISTRIBUTIONS.index(self.name) >= DISTRIBUTIONS.index(distro)
+
 
 _DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
 ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
@@ -45,11 +49,10 @@ ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
 ROS_DISTRO."""
 
 
-def checked_distribution(name: str) -> str:
+def _checked(name: str) -> str:
     """Return a distribution's name in lower case, with ``rolling`` replaced by the newest distribution.
 
-    Raises:
-        UnknownDistributionError: the definitions of the distribution are not bundled.
+    Raises `UnknownDistributionError` if the definitions of the distribution are not bundled.
     """
     found = _find(name) if isinstance(name, str) else None
     if found is None:
@@ -65,7 +68,7 @@ def selected(distro: str | None = None) -> DistributionChoice:
         UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.
     """
     if distro is not None:
-        return DistributionChoice(checked_distribution(distro), True)
+        return DistributionChoice(_checked(distro), True)
     if _command_selections:
         return DistributionChoice(_command_selections[-1], True)
     name = os.environ.get(ENVIRONMENT_VARIABLE, "")
@@ -80,11 +83,6 @@ def selected(distro: str | None = None) -> DistributionChoice:
             warnings.warn(DistributionWarning(f"{text}. Known: {_expected()}"), stacklevel=3)
         found = DEFAULT
     return DistributionChoice(found, False)
-
-
-def is_selected_since(distro: str) -> bool:
-    """Return True if the distribution that this process uses is `distro` or a later one."""
-    return DISTRIBUTIONS.index(selected().name) >= DISTRIBUTIONS.index(distro)
 
 
 def command_distribution() -> str | None:
@@ -103,7 +101,7 @@ def distribution_of_command(distro: str) -> Iterator[None]:
     """Select a distribution inside the block, as a command's option ``--distro`` does, for all calls without
     ``distro=``.
     """
-    name = checked_distribution(distro)
+    name = _checked(distro)
     _command_selections.append(name)
     try:
         yield

@@ -10,7 +10,10 @@ import re
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 class Primitive(NamedTuple):
@@ -50,8 +53,12 @@ PRIMITIVES: dict[str, Primitive] = {
     "idl_char": Primitive("B", 1, 13, "uint8", "int"),
     "wchar": Primitive("H", 2, 14, "uint16", "int"),
 }
-STRINGS = {"string": 17, "wstring": 18}
+_STRINGS = {"string": 17, "wstring": 18}
 _BOUNDED_STRINGS = {"string": 21, "wstring": 22}
+_MESSAGE = 1
+_BASES = {_MESSAGE: "", **{one.type_id: name for name, one in PRIMITIVES.items() if name != "char"}}
+"""Names of types by type id; empty for messages. The id of `char` means uint8."""
+_BASES |= {number: name for ids in (_STRINGS, _BOUNDED_STRINGS) for name, number in ids.items()}
 
 INTEGER_RANGES: dict[str, tuple[int, int]] = {
     **{code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for code, bits in zip("bhiq", (8, 16, 32, 64), strict=True)},
@@ -72,6 +79,9 @@ class Arity(Enum):
     UNBOUNDED = 144
 
 
+_TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCII)
+
+
 @dataclass(frozen=True, slots=True)
 class FieldType:
     """Type of one message field.
@@ -88,13 +98,60 @@ class FieldType:
     capacity: int = 0
     string_bound: int = 0
 
+    @staticmethod
+    @lru_cache(maxsize=4096)
+    def parse(text: str) -> FieldType:
+        """Return the field type whose text, ``str(FieldType)``, a generated class contains.
+
+        The text is trusted, so it is not checked.
+        """
+        match = _TEXT.match(text)
+        assert match is not None, text
+        base, bound, upper, size = match.groups()
+        string_bound = int(bound or 0)
+        if size is None:
+            return FieldType(base, string_bound=string_bound)
+        arity = Arity.BOUNDED if upper else Arity.ARRAY if size else Arity.UNBOUNDED
+        return FieldType(base, arity, int(size or 0), string_bound)
+
+    @staticmethod
+    def of_description(description: Mapping[str, Any]) -> FieldType | None:
+        """Return the type for which `description` returns this dictionary; None if the type id is unknown.
+
+        Other values are not checked: if no field can have them, the type has another description.
+        """
+        number, capacity, bound = (description[key] for key in ("type_id", "capacity", "string_capacity"))
+        base = _BASES.get(number % 48)
+        if base is None or number // 48 > 3:
+            return None
+        arity = Arity(number // 48 * 48)
+        if number == _BOUNDED_STRINGS["wstring"] + Arity.BOUNDED.value and capacity == bound:
+            # The description of wstring<=N[] by rosidl (docs/internals/protocol.md 1.7).
+            arity, capacity = Arity.UNBOUNDED, 0
+        return FieldType(base or description["nested_type_name"], arity, capacity, bound)
+
     @property
     def is_message(self) -> bool:
         return "/" in self.base
 
     @property
     def is_string(self) -> bool:
-        return self.base in STRINGS
+        return self.base in _STRINGS
+
+    @property
+    def is_sequence(self) -> bool:
+        """True for bounded and unbounded sequences, whose number of elements varies."""
+        return self.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
+
+    @property
+    def fixed_count(self) -> int:
+        """Number of elements of an array, and 1 for a single value."""
+        return self.capacity if self.arity is Arity.ARRAY else 1
+
+    @property
+    def has_fixed_size(self) -> bool:
+        """True if the size of a field does not depend on its value; the sizes of nested messages are ignored."""
+        return not (self.is_string or self.is_sequence)
 
     @property
     def primitive(self) -> Primitive | None:
@@ -123,31 +180,12 @@ class FieldType:
         if primitive is not None:
             base_id = primitive.type_id
         elif self.is_string:
-            base_id = (_BOUNDED_STRINGS if self.string_bound else STRINGS)[self.base]
+            base_id = (_BOUNDED_STRINGS if self.string_bound else _STRINGS)[self.base]
         else:
-            base_id = 1
+            base_id = _MESSAGE
         return {
             "type_id": base_id + arity.value,
             "capacity": capacity,
             "string_capacity": self.string_bound,
             "nested_type_name": self.base if self.is_message else "",
         }
-
-
-_TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCII)
-
-
-@lru_cache(maxsize=4096)
-def parse_field_type(text: str) -> FieldType:
-    """Return the field type whose text, ``str(FieldType)``, a generated class contains.
-
-    The text is trusted, so it is not checked.
-    """
-    match = _TEXT.match(text)
-    assert match is not None, text
-    base, bound, upper, size = match.groups()
-    string_bound = int(bound or 0)
-    if size is None:
-        return FieldType(base, string_bound=string_bound)
-    arity = Arity.BOUNDED if upper else Arity.ARRAY if size else Arity.UNBOUNDED
-    return FieldType(base, arity, int(size or 0), string_bound)

@@ -19,6 +19,8 @@ from pathlib import Path
 
 PRIVATE = 0o700
 """Mode of folders that other users can neither read nor enter."""
+_READABLE = 0o755
+"""Mode of folders that other users can read and enter, as far as the umask permits."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _MAX_LINKS = 40
 """Maximum number of symbolic links that are followed on a path, as in Linux."""
@@ -166,17 +168,28 @@ def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: boo
     return ""
 
 
+def tree_reason(folder: Path) -> str:
+    """Return a text that states why other users can change the files of a folder at any depth; "" if they cannot.
+
+    The files may be writable for a group whose only member is the user.
+    """
+    own = part_reason(os.path.realpath(folder), is_folder=True)
+    return distrust_reason(folder) or own or entries_reason(folder, accepts_private_group=True)
+
+
 def is_own(found: os.stat_result) -> bool:
     """Return True if a file with this status belongs to the user, and no group or other user can write into it."""
     is_link = stat.S_ISLNK(found.st_mode)  # the mode of a link has no meaning
     return found.st_uid == os.geteuid() and (is_link or not found.st_mode & _OTHERS)
 
 
-def make_folder(folder: Path, mode: int = PRIVATE) -> None:
+def make_folder(folder: Path, *, is_private: bool = True) -> None:
     """Create a folder and its missing parents with permissions that let the user use them, with any umask.
 
-    The umask may remove permissions of groups and other users from `mode`; it adds none.
+    Args:
+        is_private: False if groups and other users may read and enter the folders, unless the umask forbids it.
     """
+    mode = PRIVATE if is_private else _READABLE
     missing = takewhile(lambda one: not os.path.lexists(one), (folder, *folder.parents))
     for one in reversed([*missing]):
         with suppress(FileExistsError):  # another process was faster

@@ -56,6 +56,20 @@ class CommandInterrupts:
         finally:
             self.ignores_first = True
 
+    def ignore_next(self) -> None:
+        """Become the handler of SIGINT for the end of a process: ignore the first signal from now on.
+
+        Raises ValueError outside of the main thread.
+        """
+        self.ignores_first = True
+        self._first_s = None
+        signal.signal(signal.SIGINT, self)
+
+    @staticmethod
+    def is_same_request(elapsed_s: float) -> bool:
+        """Return True if a SIGINT that arrives `elapsed_s` after the first one counts as the same request."""
+        return elapsed_s <= REPEAT_S
+
     def note(self) -> None:
         """Record that another signal handler has received the first SIGINT now."""
         self._first_s = time.monotonic()
@@ -74,7 +88,7 @@ class CommandInterrupts:
             self.note()
             if not self.ignores_first:
                 raise KeyboardInterrupt
-        elif time.monotonic() - self._first_s > REPEAT_S:
+        elif not self.is_same_request(time.monotonic() - self._first_s):
             for stream in (sys.stdout, sys.stderr):
                 with contextlib.suppress(Exception):
                     stream.flush()

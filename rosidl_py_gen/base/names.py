@@ -16,17 +16,31 @@ if TYPE_CHECKING:
 
 KINDS = ("msg", "srv", "action")
 
-PACKAGE_RULE = "lower case letters, digits and single underscores, a letter first, no underscore last"
-CONSTANT_RULE = "upper case letters, digits and single underscores, a letter first, no underscore last"
-INTERFACE_RULE = "letters and digits, an upper case letter first"
-
-_LOWER = re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII)
-# Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
-_CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII)
-_INTERFACE = re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII)
-_DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
 _MAX_DISPLAYED = 300
 """Maximum characters of an invalid name that an error text quotes."""
+
+
+class SpellingRule(NamedTuple):
+    """Rule for the spelling of names of one kind: its pattern, and its text for errors."""
+
+    pattern: re.Pattern[str]
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+    def allows(self, name: str) -> bool:
+        """Return True if a name follows the rule."""
+        return self.pattern.match(name) is not None
+
+
+PACKAGE_NAME = SpellingRule(
+    re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII),
+    "lower case letters, digits and single underscores, a letter first, no underscore last",
+)
+INTERFACE_NAME = SpellingRule(
+    re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII), "letters and digits, an upper case letter first"
+)
 
 
 class RosName(NamedTuple):
@@ -39,26 +53,14 @@ class RosName(NamedTuple):
     def __str__(self) -> str:
         return f"{self.package}/{self.kind}/{self.name}"
 
+    @property
+    def module_name(self) -> str:
+        """Name of the interface's module: ``_add_two_ints`` for AddTwoInts (docs/internals/protocol.md 1.2).
 
-def is_package_name(text: str) -> bool:
-    """Return True for a valid name of a ROS package."""
-    return _LOWER.match(text) is not None
-
-
-is_field_name = is_package_name  # fields have the same rule
-
-
-def is_constant_name(text: str) -> bool:
-    """Return True for a valid name of a constant in an interface."""
-    return _CONSTANT.match(text) is not None
-
-
-def is_interface_name(text: str) -> bool:
-    """Return True for a valid file stem of an interface; a prefix ``Sample_`` and one derived suffix are allowed."""
-    text = text.removeprefix("Sample_")
-    for suffix in _DERIVED_SUFFIXES:
-        text = text.removesuffix(suffix)
-    return _INTERFACE.match(text) is not None
+        The module is private: users import the class from the package.
+        """
+        words = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", self.name)
+        return "_" + re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", words).lower()
 
 
 def split_ros_name(text: str, default_kind: str = "") -> RosName:
@@ -75,20 +77,14 @@ def split_ros_name(text: str, default_kind: str = "") -> RosName:
         raise InvalidNameError(f'"{display}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
     package, kind, name = parts
     for part, is_valid, rule in (
-        (package, is_package_name(package), f"a package name; expected {PACKAGE_RULE}"),
+        (package, PACKAGE_NAME.allows(package), f"a package name; expected {PACKAGE_NAME}"),
         (kind, kind in KINDS, "a kind of interface; expected msg, srv or action"),
-        (name, all(map(_INTERFACE.match, name.split("_"))), f"an interface name; expected {INTERFACE_RULE}"),
+        (name, all(map(INTERFACE_NAME.allows, name.split("_"))), f"an interface name; expected {INTERFACE_NAME}"),
     ):
         if not is_valid:
             display, wrong = printable(text, _MAX_DISPLAYED), printable(part, _MAX_DISPLAYED)
             raise InvalidNameError(f'"{display}": "{wrong}" is not {rule}')
     return RosName(package, kind, name)
-
-
-def snake_case(name: str) -> str:
-    """Return the module name of an interface: AddTwoInts -> add_two_ints (docs/internals/protocol.md 1.2)."""
-    name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
-    return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
 
 
 def py_name(name: str) -> str:

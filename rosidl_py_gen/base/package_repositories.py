@@ -1,7 +1,6 @@
-"""Tables of repositories with packages that are neither bundled nor on the Python package index, for error texts.
+"""Repositories of well-known message packages that are neither bundled nor on the package index, for error texts.
 
-`message_packages.txt` lists well-known message packages; nothing of it is downloaded. The second table lists Python
-packages of ROS, which ``rosidl-py launch --install`` installs.
+`message_packages.txt` has the table of packages and repositories; nothing of it is downloaded.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS, selected
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS
 
 TABLE_FILE = Path(__file__).with_name("message_packages.txt")
 
@@ -63,43 +62,3 @@ def download_note(package: str, distro: str) -> str:
         f"{package} is in {url}, branch {branch}{instead}: git clone --depth 1 --branch {branch} {url}; then use "
         f"--path {folder} (in Python path=), or install it: rosidl-py-gen --path {folder} --filter {package} --install"
     )
-
-
-REPOSITORIES = {
-    "ros2/launch": ("launch", "launch_xml", "launch_yaml", "launch_testing", "launch_pytest"),
-    "ros2/launch_ros": ("launch_ros", "launch_testing_ros"),
-    "ros-navigation/navigation2": ("nav2_common", "nav2_simple_commander"),
-}
-"""Packages in each GitHub repository; the branches of a repository have the names of the ROS distributions."""
-LAUNCH_PACKAGES = ("launch", "launch_xml", "launch_yaml", "launch_ros")
-"""Packages of ROS that ``rosidl-py launch`` needs. The package `launch` of the Python package index is another one:
-docs/internals/protocol.md 15."""
-MESSAGES = {
-    "nav2_simple_commander": {
-        "ros-geographic-info/geographic_info": ("geographic_msgs",),
-        "ros-navigation/navigation2": ("nav2_msgs",),
-    }
-}
-"""Message packages that a package of the table imports and that are not bundled, by repository."""
-
-
-def repository_of(package: str) -> str:
-    """Return the repository of a package, such as ``ros2/launch``; "" for an unknown package."""
-    return next((repository for repository, packages in REPOSITORIES.items() if package in packages), "")
-
-
-def install_command_of(*packages: str) -> str:
-    """Return the command that installs packages of the table, for the selected distribution."""
-    choice = selected()
-    names = [name for name in packages if name not in LAUNCH_PACKAGES]
-    distro = ["--distro", choice.name] if choice.is_explicit else []
-    return " ".join(("rosidl-py launch --install", *names, *distro))
-
-
-def install_note(package: str) -> str:
-    """Return a text about where a package of the table is, with the command that installs it.
-
-    Returns "" for an unknown package.
-    """
-    repository = repository_of(package)
-    return repository and f"{package} is in https://github.com/{repository}: {install_command_of(package)}"

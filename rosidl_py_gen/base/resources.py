@@ -22,8 +22,6 @@ MSGS_PACKAGE = "rosidl_py_gen.msgs."
 """Import prefix of the generated packages that are part of this package, because the runtime needs them."""
 PREGENERATED_PACKAGE = "rosidl_py_gen.pregenerated."
 """Import prefix of the bundled interfaces, which are generated when a wheel is built; a checkout does not have them."""
-ROS_PACKAGE_INDEX = os.path.join("share", "ament_index", "resource_index", "rosidl_interfaces")
-"""Folder below an installation prefix with one file for each interface package; wheels of ROS install into it, too."""
 
 
 def is_generated(path: Path) -> bool:
@@ -35,9 +33,12 @@ def is_generated(path: Path) -> bool:
         return False
 
 
-def has_installed_ros_packages() -> bool:
-    """Return True if the environment has interface packages of ROS, such as the wheels ``ros-jazzy-std-msgs``."""
-    return os.path.isdir(os.path.join(sys.prefix, ROS_PACKAGE_INDEX))
+def ros_package_index() -> str:
+    """Return the folder with one file for each interface package of ROS that is installed into the environment.
+
+    Wheels such as ``ros-jazzy-std-msgs`` install packages of ROS. Without them the folder does not exist.
+    """
+    return os.path.join(sys.prefix, "share", "ament_index", "resource_index", "rosidl_interfaces")
 
 
 RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
@@ -80,11 +81,6 @@ WITHOUT_WHEELS = {"lz4": (3, 15), "mcap": (3, 15), "zstandard": (3, 15)}
 def templates_dir() -> Path:
     """Return the folder of the jinja2 templates of generated modules."""
     return _find("templates")
-
-
-def compiled_templates_dir() -> Path:
-    """Return the folder of the compiled jinja2 templates, which exists only in wheels."""
-    return _PACKAGE / "compiled_templates"
 
 
 def interfaces_dir() -> Path:

@@ -25,7 +25,7 @@ current_loop: Callable[[], asyncio.AbstractEventLoop | None] = asyncio._get_runn
 very often."""
 
 
-def set_result_if_pending(future: asyncio.Future[T], result: T) -> None:
+def _set_result_if_pending(future: asyncio.Future[T], result: T) -> None:
     """Complete a future unless it is done or its loop is closed. Thread: loop of the future."""
     if not future.done() and not future.get_loop().is_closed():
         future.set_result(result)
@@ -74,7 +74,7 @@ class Waiters:
         def end() -> None:
             nonlocal is_over
             is_over = True
-            set_result_if_pending(future, None)
+            _set_result_if_pending(future, None)
 
         timer = None if timeout_s is None else loop.call_later(timeout_s, end)
         try:
@@ -108,7 +108,7 @@ class Waiters:
                 loop = future.get_loop()
                 if loop is not here:
                     with contextlib.suppress(RuntimeError):  # the loop is closed
-                        loop.call_soon_threadsafe(set_result_if_pending, future, None)
+                        loop.call_soon_threadsafe(_set_result_if_pending, future, None)
                 elif not future.done():
                     future.set_result(None)
         except IndexError:  # no future is left, or another thread has popped it

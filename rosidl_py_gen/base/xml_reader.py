@@ -17,9 +17,9 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-COMMENT = "!comment"
-"""Value of `XmlElement.tag` for a comment, whose text is in `XmlElement.text`."""
-MAX_FILE_BYTES = 1 << 20
+_COMMENT = "!comment"
+"""Value of `XmlElement.tag` for a comment."""
+_MAX_FILE_BYTES = 1 << 20
 """Default maximum bytes of an XML file. The largest security policies in public repositories have some 100 kB."""
 _MAX_DEPTH = 32
 """Maximum depth of elements; security policies have 6, robot descriptions 12, and metadata any depth."""
@@ -59,10 +59,40 @@ class XmlElement:
     line: int = 0
     column: int = 0
 
+    @staticmethod
+    def read(path: str) -> XmlElement:
+        """Return the root element of an XML file.
+
+        Raises:
+            DefinitionError: the file cannot be read, is not XML, exceeds a limit, or has a document type.
+        """
+        data = read_file(path)
+        lines = data.decode("utf-8", "replace").split("\n")
+        return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
+
+    @staticmethod
+    def parse_fragment(text: str, path: str) -> XmlElement:
+        """Return an element that contains all elements of an XML text; names keep their namespace prefixes.
+
+        `path` is for errors.
+
+        Raises:
+            DefinitionError: the text is not XML, exceeds a limit, or has a document type.
+        """
+        # Keep line and column numbers: blank out the declaration and feed our own first line.
+        content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+        data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
+        return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)
+
+    @property
+    def is_comment(self) -> bool:
+        """True for a comment, whose text is `text`."""
+        return self.tag == _COMMENT
+
     @property
     def elements(self) -> Iterator[XmlElement]:
         """Child elements, without comments."""
-        return (child for child in self.children if child.tag != COMMENT)
+        return (child for child in self.children if not child.is_comment)
 
     def diagnostic(self, text: str) -> Diagnostic:
         return self.source.diagnostic(self.line, self.column, text)
@@ -71,32 +101,7 @@ class XmlElement:
         return DefinitionError(self.diagnostic(text))
 
 
-def read_xml(path: str) -> XmlElement:
-    """Return the root element of an XML file.
-
-    Raises:
-        DefinitionError: the file cannot be read, is not XML, exceeds a limit, or has a document type.
-    """
-    data = read_file(path)
-    lines = data.decode("utf-8", "replace").split("\n")
-    return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
-
-
-def parse_fragment(text: str, path: str) -> XmlElement:
-    """Return an element that contains all elements of an XML text; names keep their namespace prefixes.
-
-    `path` is for errors.
-
-    Raises:
-        DefinitionError: the text is not XML, exceeds a limit, or has a document type.
-    """
-    # Keep line and column numbers: blank out the declaration and feed our own first line.
-    content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
-    data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
-    return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)
-
-
-def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+def read_file(path: str, max_bytes: int = _MAX_FILE_BYTES) -> bytes:
     """Return the content of a regular file; raises `DefinitionError` if it cannot be read or is too large."""
     source = XmlSource(display_path(path))
     try:
@@ -174,7 +179,7 @@ class _TreeBuilder:
         self._texts[-1].append(text)
 
     def _comment(self, text: str) -> None:
-        self._add(XmlElement(COMMENT, text=text, source=self._source))
+        self._add(XmlElement(_COMMENT, text=text, source=self._source))
 
     def _add(self, element: XmlElement) -> None:
         self._count += 1
@@ -188,12 +193,3 @@ class _TreeBuilder:
 
 def _clark_name(name: str) -> str:
     return f"{{{name}" if "}" in name else name
-
-
-def escape(text: str, *, is_attribute: bool = False) -> str:
-    """Return a text with special characters escaped for XML, between tags or as an attribute in double quotes."""
-    text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    if is_attribute:
-        for character, reference in (('"', "&quot;"), ("\n", "&#10;"), ("\r", "&#13;"), ("\t", "&#9;")):
-            text = text.replace(character, reference)
-    return text

@@ -3,7 +3,7 @@
 
 A text may come from an untrusted file or peer. These rules apply to every text:
 
-- A text has at most `MAX_BYTES` bytes, and at most `MAX_VALUES` values after aliases are replaced. It has at most 100
+- A text has at most `_MAX_BYTES` bytes, and at most `MAX_VALUES` values after aliases are replaced. It has at most 100
   levels, because libyaml and PyYAML recurse in C.
 - A text has at most `_MAX_DIRECTIVES` ``%TAG`` lines, because libyaml compares them with each other: 80 000 lines take
   14 s.
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 else:
     _PyYamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
-MAX_BYTES = 1 << 26
-"""Default maximum bytes of a YAML text. rosbag2 writes about 250 bytes for each file and topic of a bag."""
+_MAX_BYTES = 1 << 26
+"""Default maximum bytes of a YAML text."""
 MAX_VALUES = 1_000_000
 """Maximum number of keys, values, lists and mappings in a YAML text: PyYAML needs about 600 bytes for each."""
 MAX_LEVELS = 100
@@ -47,7 +47,7 @@ _MAX_DIRECTIVES = 20
 UNTAGGED = "!untagged"
 """Tag that `compose_yaml` gives to scalars without a tag; their `style` tells plain, quoted and block scalars apart."""
 _TAG = "tag:yaml.org,2002:"
-STRING = f"{_TAG}str"
+_STRING = f"{_TAG}str"
 _INT, _FLOAT = f"{_TAG}int", f"{_TAG}float"
 _MERGE = f"{_TAG}merge"
 _DIRECTIVE = re.compile("(?:^|[\r\n\x85\u2028\u2029])%TAG")
@@ -149,7 +149,7 @@ def _as_number(text: str) -> int | float:
 def load_yaml(
     text: str | bytes,
     *,
-    max_bytes: int = MAX_BYTES,
+    max_bytes: int = _MAX_BYTES,
     number: Callable[[str], Any] = _as_number,
     like_rclpy: bool = False,
 ) -> Any:
@@ -174,7 +174,7 @@ def load_yaml(
 
 
 def compose_yaml(
-    text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
+    text: str | bytes, *, max_bytes: int = _MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
 ) -> yaml.Node | None:
     """Return the node tree of a YAML text, in which scalars are not converted; None for an empty text.
 
@@ -188,7 +188,9 @@ def compose_yaml(
     return node
 
 
-def yaml_events(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> Iterator[yaml.Event]:
+def yaml_events(
+    text: str | bytes, *, max_bytes: int = _MAX_BYTES, max_levels: int = MAX_LEVELS
+) -> Iterator[yaml.Event]:
     """Yield the events of all documents in a YAML text. Anchors are ignored; the tag of an untagged scalar is None.
 
     Raises:
@@ -270,6 +272,6 @@ def _checked_events(text: str, loader: Any, max_levels: int) -> Iterator[yaml.Ev
 
 
 def _as_text(key: yaml.Node) -> yaml.Node:
-    if not isinstance(key, yaml.ScalarNode) or key.tag == STRING:
+    if not isinstance(key, yaml.ScalarNode) or key.tag == _STRING:
         return key
-    return yaml.ScalarNode(STRING, key.value, key.start_mark, key.end_mark)
+    return yaml.ScalarNode(_STRING, key.value, key.start_mark, key.end_mark)

@@ -25,7 +25,6 @@ from rosidl_py_gen.cdr.layout import (
     MAX_WSTRING_UNIT,
     WSTRING_UNIT_BYTES,
     align_offset,
-    has_count,
     min_element_size,
 )
 from rosidl_py_gen.cdr.message import Field, Message, is_of_type, require_message
@@ -235,7 +234,7 @@ class _CdrReader:
         kind = field.type
         if kind.arity is Arity.SCALAR:
             return self.element(field, path)
-        count = self.count(path, "an element count") if has_count(kind) else kind.capacity
+        count = self.count(path, "an element count") if kind.is_sequence else kind.capacity
         if kind.arity is Arity.BOUNDED and count > kind.capacity:
             raise DecodeError(path, self.pos - COUNT_BYTES, f"expected at most {kind.capacity} elements, found {count}")
         if kind.primitive is not None:

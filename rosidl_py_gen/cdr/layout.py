@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.fieldtype import FieldType
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,8 +30,6 @@ Position = TypeVar("Position", int, "NDArray[np.int64]")
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation header of little-endian data. Bit 0 of the second byte is the byte order; the rest are options."""
 HEADER_BYTES = 4
-HEADER_CODE = "Hxx"
-"""Struct code of the encapsulation header, for messages that pack the header together with their first fields."""
 HEADER_VALUE = 0x0100
 """Value of the first two bytes of the encapsulation header as a little-endian `H`."""
 MAX_ALIGN = 8
@@ -66,36 +64,9 @@ def align_offset(offset: Position, align: int) -> Position:
     return offset + (HEADER_BYTES - offset & align - 1)
 
 
-def has_fixed_size(kind: FieldType) -> bool:
-    """Return True if the size of a field does not depend on its value; the sizes of nested messages are ignored."""
-    return not kind.is_string and kind.arity in (Arity.SCALAR, Arity.ARRAY)
-
-
-def has_count(kind: FieldType) -> bool:
-    """Return True if a length prefix comes before the elements: sequences have one, arrays do not."""
-    return kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
-
-
-def fixed_count(kind: FieldType) -> int:
-    """Return the number of elements of an array, and 1 for a single value."""
-    return kind.capacity if kind.arity is Arity.ARRAY else 1
-
-
 def element_alignment(kind: FieldType) -> int:
     """Return the alignment of an element of a field: the size of a primitive, or of a string's length prefix."""
     return COUNT_BYTES if kind.primitive is None else kind.primitive.size
-
-
-def known_modulus(kind: FieldType) -> int:
-    """Return a number of which the position after a string, or after a sequence of primitives, is known to be a
-    multiple.
-
-    A string may end anywhere. An empty sequence ends after its length prefix, without the padding of an element.
-    """
-    if kind.is_string:
-        return WSTRING_UNIT_BYTES if kind.base == "wstring" else 1
-    assert kind.primitive is not None
-    return min(kind.primitive.size, COUNT_BYTES)
 
 
 def min_element_size(kind: FieldType) -> int:

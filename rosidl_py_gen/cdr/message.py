@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.base.fieldtype import Arity, FieldType, parse_field_type
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.arrays import FieldValueError
 from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
@@ -28,8 +28,11 @@ GoalT = TypeVar("GoalT")
 ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 
-SERVICE_CLASSES = ("Request", "Response", "Event")
-ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
+NESTED_CLASSES = {
+    "Service": ("Request", "Response", "Event"),
+    "Action": ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult"),
+}
+"""Names of the classes inside a class of a service or action, by the name of its base class."""
 """Names of the nested classes of an action class, which are also suffixes of the ROS type names."""
 _MAX_REPR_ELEMENTS = 8
 
@@ -88,7 +91,7 @@ def _field(ros_name: str, text: str | type[Message], cls: type[Message] | None =
         cls, text = text, text._TYPE.name
     elif cls is not None:
         text = cls._TYPE.name + text
-    return Field(ros_name, py_name(ros_name), parse_field_type(text), cls)
+    return Field(ros_name, py_name(ros_name), FieldType.parse(text), cls)
 
 
 class Message:

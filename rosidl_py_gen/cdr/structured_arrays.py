@@ -31,8 +31,6 @@ from rosidl_py_gen.cdr.layout import (
     align_offset,
     align_up,
     element_alignment,
-    fixed_count,
-    has_fixed_size,
 )
 from rosidl_py_gen.errors import EncodeError
 
@@ -69,7 +67,7 @@ def varying_field(cls: MessageClass) -> str:
     """Return path and type of the first field that makes messages of a class vary in size; "" if none does."""
     for field in cls._TYPE.fields:
         kind = field.type
-        if not has_fixed_size(kind):
+        if not kind.has_fixed_size:
             return f"{field.ros_name} ({kind})"
         inside = varying_field(field.cls) if field.cls is not None else ""
         if inside:
@@ -91,7 +89,7 @@ def alignments(cls: MessageClass) -> tuple[int, int]:
 def content_size(cls: MessageClass) -> int:
     """Return the number of bytes of all values in a fixed-size message, without padding."""
     return sum(
-        (content_size(field.cls) if field.cls is not None else element_alignment(field.type)) * fixed_count(field.type)
+        (content_size(field.cls) if field.cls is not None else element_alignment(field.type)) * field.type.fixed_count
         for field in cls._TYPE.fields
     )
 
@@ -119,7 +117,7 @@ def sequence_end_offset(cls: MessageClass, position: int, count: int) -> int:
 def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:
     """Yield each field of a fixed-size message with the positions where its values begin and end."""
     for field in cls._TYPE.fields:
-        count = fixed_count(field.type)
+        count = field.type.fixed_count
         if field.cls is None:
             size = element_alignment(field.type)  # of a primitive, also its size
             begin = align_up(position, size)
@@ -151,7 +149,7 @@ def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np
         else:
             first, largest = alignments(field.cls)
             end = end_offset(field.cls, begin)
-            if fixed_count(field.type) > 1 and ((end - begin) % largest or end % first):
+            if field.type.fixed_count > 1 and ((end - begin) % largest or end % first):
                 return None
             element = wire_dtype(field.cls, begin)
         if element is None:
@@ -170,7 +168,7 @@ def packed_dtype(cls: MessageClass) -> np.dtype[np.void]:
         element = _primitive_dtype(field.type) if field.cls is None else record_dtype(field.cls)
         formats.append(_shaped(element, field.type))
         offsets.append(size)
-        size += element.itemsize * fixed_count(field.type)
+        size += element.itemsize * field.type.fixed_count
     return _struct(cls, formats, offsets, size)
 
 
@@ -230,7 +228,7 @@ def copy_spans(cls: MessageClass, position: int, memory: np.dtype[Any]) -> list[
         if field.cls is None:
             inner = [CopySpan(0, 0, end - begin)]
         else:
-            inner = _array_spans(field.cls, begin, form.base, fixed_count(field.type))
+            inner = _array_spans(field.cls, begin, form.base, field.type.fixed_count)
         for wire, inside, size in inner:
             _append(spans, CopySpan(wire + begin - position, inside + offset, size))
     return spans

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen.base.descriptions import Description, FieldRow, action_rows, build_type_description, service_rows
-from rosidl_py_gen.cdr.message import ACTION_CLASSES, SERVICE_CLASSES, Action, Message, Service
+from rosidl_py_gen.base.descriptions import Description, FieldRow, TypeDescriptions
+from rosidl_py_gen.cdr.message import NESTED_CLASSES, Action, Message, Service
 from rosidl_py_gen.errors import TypeNotFoundError
 
 
@@ -52,9 +52,11 @@ def type_description(subject: object) -> Description:
         if issubclass(cls, Message):
             info = cls._TYPE
             return [(field.ros_name, field.type, info.defaults.get(field.ros_name, "")) for field in info.fields]
-        return list(service_rows(full_name) if issubclass(cls, Service) else action_rows(full_name))
+        is_service = issubclass(cls, Service)
+        of_parts = TypeDescriptions.service_rows if is_service else TypeDescriptions.action_rows
+        return list(of_parts(full_name))
 
-    return build_type_description(name, rows)
+    return TypeDescriptions(rows).of(name)
 
 
 def referenced_classes(subject: object) -> dict[str, type]:
@@ -69,7 +71,7 @@ def referenced_classes(subject: object) -> dict[str, type]:
             if issubclass(cls, Message):
                 pending += [field.cls for field in cls._TYPE.fields if field.cls is not None]
             else:
-                names = SERVICE_CLASSES if issubclass(cls, Service) else ACTION_CLASSES
+                names = NESTED_CLASSES["Service" if issubclass(cls, Service) else "Action"]
                 pending += [getattr(cls, name) for name in names]
     return classes
 

@@ -27,7 +27,7 @@ from rosidl_py_gen.base.resources import (
     interfaces_dir,
     is_generated,
 )
-from rosidl_py_gen.compiler.codegen.module_sources import Target, module_name, module_path, package_sources
+from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, package_sources
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, is_absent
 from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (
@@ -279,7 +279,7 @@ def _already_generated(search: SearchPath, folder: Path) -> list[RosName]:
         name
         for package in search.packages.values()
         for name in package.files
-        if f"{name.package}/{name.kind}/{module_name(name.name)}.py" in present
+        if f"{name.package}/{name.kind}/{name.module_name}.py" in present
     ]
 
 

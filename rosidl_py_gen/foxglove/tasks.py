@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine
 
     from rosidl_py_gen import Message
-    from rosidl_py_gen.cdr.message import Field
 
 K = TypeVar("K")
 
@@ -159,16 +158,12 @@ def _has_variable_elements(cls: type[Message]) -> bool:
     """
     fields = [field for one in _classes(cls) for field in one._TYPE.fields]
     elements: list[Any] = [field.cls for field in fields if field.cls and field.type.arity is not Arity.SCALAR]
-    return any("string" in field.type.base and _is_sequence(field) for field in fields) or any(
-        "string" in field.type.base or _is_sequence(field)
+    return any("string" in field.type.base and field.type.is_sequence for field in fields) or any(
+        "string" in field.type.base or field.type.is_sequence
         for element in elements
         for one in _classes(element)
         for field in one._TYPE.fields
     )
-
-
-def _is_sequence(field: Field) -> bool:
-    return field.type.arity not in (Arity.SCALAR, Arity.ARRAY)
 
 
 def _count_values(cls: Any, counted: dict[Any, int]) -> int:
@@ -180,7 +175,7 @@ def _count_values(cls: Any, counted: dict[Any, int]) -> int:
         total = 1
         for field in cls._TYPE.fields:
             each = _count_values(field.cls, counted) if field.cls else 1
-            size = field.type.capacity if field.type.arity is Arity.ARRAY else 1
+            size = field.type.fixed_count
             total += each * size if field.cls or "string" in field.type.base else 1 + size // 8
         counted[cls] = total
     return counted[cls]

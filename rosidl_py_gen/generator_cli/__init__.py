@@ -379,7 +379,6 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
 
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
-    from rosidl_py_gen.base.descriptions import build_type_description
     from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
     from rosidl_py_gen.type_loading import registry_of_generated_class
 
@@ -394,7 +393,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
         registry, owner, note = generated
         print_line(f"note: {note}")
     if as_json or _group_option("as_json", False):
-        print_json({"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)})
+        print_json({"hash": registry.type_hash(str(top)), **registry.type_description(str(top))})
         return
     text = DefinitionText(registry, owner)
     if full:

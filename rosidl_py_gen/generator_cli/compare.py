@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.compiler.frontend import (
     DERIVED_TYPES_PACKAGES,
@@ -48,7 +47,7 @@ def known_constants(message: MessageDef) -> tuple[ConstantDef, ...] | None:
 def comparison_key(message: MessageDef, *, with_constants: bool) -> tuple[object, ...]:
     """Return the values by which message definitions are compared: fields with types and defaults, and constants."""
     constants = [(one.name, one.type, repr(one.value)) for one in message.constants if with_constants]
-    return [(one.name, canonical_type(one.type), default_text(one.default)) for one in message.fields], constants
+    return [(one.name, canonical_type(one.type), one.default_text) for one in message.fields], constants
 
 
 def canonical_type(kind: FieldType) -> FieldType:
@@ -422,7 +421,7 @@ def _field_changes(layouts: _Layouts, old: MessageDef, new: MessageDef) -> tuple
                 str([item.name for item in side.fields].index(one.name) + 1) for side in (old, new)
             )
             found.append(ElementChange("moved", one.name, old_number, new_number, place, ChangeKind.HASH))
-        defaults = default_text(before.default), default_text(one.default)
+        defaults = before.default_text, one.default_text
         if defaults[0] != defaults[1]:
             found.append(ElementChange("default", one.name, *defaults, place, ChangeKind.DEFAULT))
         # Texts of bags and nodes may lack comments.

@@ -18,11 +18,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rosidl_py_gen import encode, to_dict, type_description
 from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
-from rosidl_py_gen.cdr.codec import encode
-from rosidl_py_gen.cdr.convert import to_dict
-from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.compiler.frontend import InterfaceRegistry, registry_from_descriptions, scan_search_path
 from rosidl_py_gen.compiler.generate import load, load_distribution
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable

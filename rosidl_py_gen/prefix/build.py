@@ -13,7 +13,7 @@ from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
-from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder, part_reason
+from rosidl_py_gen.base.folder_trust import make_folder, tree_reason
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.compiler.frontend import Workspace, bundled_packages, inside
 from rosidl_py_gen.errors import display_path
@@ -27,9 +27,6 @@ STATE = ".rosidl-py-prefix"
 _ON_PACKAGE_INDEX = ("xacro",)
 """Names of packages on the Python package index that are used if installed, because launch files run their executables
 by the ROS name."""
-_MODE = 0o755
-"""File mode for the folders of a prefix whose path the user has given: other users may use the prefix if the umask
-permits."""
 _NAME = re.compile(r"[A-Za-z0-9][\w-]{1,200}", re.ASCII)
 """Regular expression for package names that ament_index_python accepts, of at most 201 characters, so that they fit
 into a file name."""
@@ -93,26 +90,20 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
             owners.setdefault(place, plan.name)
     files = _bundled_files() | files
     try:
-        created, removed = _Writer(prefix, PRIVATE if out is None else _MODE).write(files, problems)
+        created, removed = _Writer(prefix, is_private=out is None).write(files, problems)
     except OSError as error:
         raise CommandError(f"{display_path(prefix)}: cannot be written: {error.strerror or error}") from error
     for plan in plans:
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
     notes = tuple(text for plan in plans for text in plan.notes)
-    unsafe = "" if out is None else _distrust_reason(prefix)
+    unsafe = "" if out is None else tree_reason(prefix)
     return Prefix(prefix, packages, skipped, tuple(problems), notes, unsafe, created, removed)
 
 
 def is_ament_name(name: str) -> bool:
     """Return True if ament accepts the name of a package; packages with interfaces have a stricter rule."""
     return _NAME.fullmatch(name) is not None
-
-
-def _distrust_reason(prefix: Path) -> str:
-    """Return a text that states why other users can change files of a prefix; "" if they cannot."""
-    own = part_reason(os.path.realpath(prefix), is_folder=True)
-    return distrust_reason(prefix) or own or entries_reason(prefix, accepts_private_group=True)
 
 
 def _cached_prefix(searched: Iterable[Path]) -> Path:
@@ -209,12 +200,13 @@ def _bundled_files() -> dict[str, PrefixFile]:
 class _Writer:
     """Writer of the files of a prefix that differ; removes obsolete files of an earlier call, but no other file.
 
-    Every folder of a path is a real folder below the prefix, so that nothing is written elsewhere.
+    Every folder of a path is a real folder below the prefix, so that nothing is written elsewhere. A prefix in
+    the cache is private; other users may use a prefix whose path the user has given, if the umask permits.
     """
 
-    def __init__(self, prefix: Path, mode: int) -> None:
-        make_folder(prefix, mode)
-        self._mode = mode
+    def __init__(self, prefix: Path, *, is_private: bool) -> None:
+        make_folder(prefix, is_private=is_private)
+        self._is_private = is_private
         self._prefix = prefix = Path(os.path.realpath(prefix))
         self._new = prefix / f".new-{os.getpid()}"
         self._state = prefix / STATE
@@ -252,7 +244,7 @@ class _Writer:
         if path.parent not in self._made:
             if os.path.realpath(path.parent) != str(path.parent):  # a link, which may lead out of the prefix
                 raise OSError(0, f"{os.path.dirname(place)} is not a folder")
-            make_folder(path.parent, self._mode)
+            make_folder(path.parent, is_private=self._is_private)
             self._made.add(path.parent)
         exists = os.path.lexists(path)  # before the content, as another process may create it in between
         if exists and _is_current(path, file):

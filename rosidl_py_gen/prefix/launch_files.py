@@ -29,7 +29,7 @@ from xml.etree.ElementTree import ParseError
 
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.package_repositories import download_note, install_command_of, install_note
+from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.compiler.frontend import files_below
@@ -37,6 +37,7 @@ from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.build import NAME_RULE, Prefix, build_prefix, is_ament_name
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES, make_importable, roots, variables, workspaces
+from rosidl_py_gen.prefix.launch_packages import install_command_of, install_note
 
 _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
 _NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")

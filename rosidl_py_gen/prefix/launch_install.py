@@ -25,7 +25,7 @@ from zipfile import BadZipFile, ZipFile
 
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.package_repositories import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, branch_of, repository_of
+from rosidl_py_gen.base.package_repositories import branch_of
 from rosidl_py_gen.base.resources import extra_requirements
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -33,6 +33,7 @@ from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
 from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES
+from rosidl_py_gen.prefix.launch_packages import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, repository_of
 from rosidl_py_gen.prefix.package_plan import PROGRAM, PackagePlan
 from rosidl_py_gen.wheels import environment
 from rosidl_py_gen.wheels.build import read_manifest

@@ -24,12 +24,13 @@ from typing import Any
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import KINDS, did_you_mean
-from rosidl_py_gen.base.package_repositories import download_note, install_note
+from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix.environment import Executable
+from rosidl_py_gen.prefix.launch_packages import install_note
 
 
 @dataclass

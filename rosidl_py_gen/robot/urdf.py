@@ -15,12 +15,12 @@ from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import MAX_FIRST
-from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
+from rosidl_py_gen.base.xml_reader import XmlElement, read_file
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
 from rosidl_py_gen.tf import Pose
 
-MAX_BYTES = 8 * MAX_FILE_BYTES  # URDFs of humanoids with all their meshes have about 500 kB
+MAX_BYTES = 8 << 20  # URDFs of humanoids with all their meshes have about 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
 """Types of URDF joints that have one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
@@ -72,8 +72,8 @@ def read_description(path: str) -> str:
     try:
         return read_file(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        source = XmlSource(display_path(path))
-        raise DefinitionError(source.diagnostic(0, 0, f"not UTF-8 at byte {error.start}; save as UTF-8")) from None
+        text = f"not UTF-8 at byte {error.start}; save as UTF-8"
+        raise DefinitionError(Diagnostic(display_path(path), 0, 0, text)) from None
 
 
 def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]:
@@ -85,8 +85,8 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
     text = text.lstrip("\ufeff")
     if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
         found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"
-        raise DefinitionError(XmlSource(path).diagnostic(0, 0, f"{found}; expected the text of a URDF, not its path"))
-    document = parse_fragment(text, path)
+        raise DefinitionError(Diagnostic(path, 0, 0, f"{found}; expected the text of a URDF, not its path"))
+    document = XmlElement.parse_fragment(text, path)
     roots = [element for element in document.elements if element.tag == "robot"] or [*document.elements, document]
     root = roots[0]  # as urdfdom does; scripts that fill in names put others before it
     if root.tag != "robot" or root.attributes.get("version", "1.0") not in ("1.0", "1"):

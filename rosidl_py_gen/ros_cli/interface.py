@@ -111,13 +111,12 @@ def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...
 
     --json prints the type description and the hash.
     """
-    from rosidl_py_gen.base.descriptions import build_type_description
     from rosidl_py_gen.compiler.frontend import DefinitionText, scan_search_path
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
     library, top = read_definition(scan_search_path(paths), name)
     if as_json:
-        description = build_type_description(str(top), library.field_rows)
+        description = library.type_description(str(top))
         terminal_output.document({"hash": library.type_hash(str(top)), **description})
         return
     text = DefinitionText(library, top)

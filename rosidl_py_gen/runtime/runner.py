@@ -2,7 +2,7 @@
 
 Ctrl-C and SIGTERM end both without traceback: tasks are cancelled and awaited, and nodes are closed, so that peers
 notice at once. A second signal ends a program that does not react: SIGINT raises KeyboardInterrupt at the current line,
-unless it follows the first signal within `REPEAT_S`; SIGTERM ends the process. Async programs may also use
+unless it follows the first signal within `interrupts.REPEAT_S`; SIGTERM ends the process. Async programs may also use
 `asyncio.run`, which raises KeyboardInterrupt.
 """
 
@@ -18,7 +18,7 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
+from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs import get_root_logger
@@ -209,10 +209,10 @@ class _Signals:
                 self._loop.call_soon_threadsafe(lambda: None)  # wakes up the loop
         elif number == signal.SIGTERM:
             _exit_by_signal(number)
-        elif self._loop.time() - self._first_s > REPEAT_S:
+        elif not command_interrupts.is_same_request(self._loop.time() - self._first_s):
             previous = self._previous.get(number)
-            if isinstance(previous, CommandInterrupts):
-                previous(number, frame)
+            if previous is command_interrupts:
+                command_interrupts(number, frame)
             else:
                 self.interrupted_shutdown = True
                 raise KeyboardInterrupt

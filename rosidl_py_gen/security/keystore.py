@@ -27,7 +27,7 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base import folder_trust
-from rosidl_py_gen.base.xml_reader import read_xml
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
 from rosidl_py_gen.security.files import is_readable_by_others, link, locked, write_file
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from cryptography.x509 import Certificate
 
-    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.security.policy import PolicyEnclave
 
 
@@ -231,7 +230,7 @@ class Keystore:
         if not document.is_file():
             write_file(document, governance_xml(domain_id).encode())
         if not signature.is_file():
-            read_xml(str(document))  # an edited file may be damaged
+            XmlElement.read(str(document))  # an edited file may be damaged
             self._sign(document.read_text(encoding="utf-8"), signature)
 
     def _sign(self, text: str, path: Path) -> None:
@@ -332,7 +331,7 @@ class Keystore:
         """Print a note if the governance lacks a domain, in which nodes then cannot start."""
         path = self.enclaves / "governance.xml"
         try:
-            root = read_xml(str(path))
+            root = XmlElement.read(str(path))
         except DefinitionError:  # a keystore that is not made here needs no governance.xml
             return
         rules = [rule for rules in root.elements for rule in rules.elements]

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from rosidl_py_gen.base.xml_reader import COMMENT, XmlElement, escape, read_xml
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, display_path
 from rosidl_py_gen.security.files import write_file
 
@@ -55,7 +55,7 @@ class _Includes:
     elements: int = 0
 
     def read(self, path: str) -> XmlElement:
-        root = read_xml(path)
+        root = XmlElement.read(path)
         self._count(root)
         if _INCLUDE.fullmatch(root.tag):
             raise root.error("the root element is an include; expected <policy> or a part of a policy")
@@ -101,7 +101,7 @@ class _Includes:
         if path in open_files:
             raise include.error(f"{display_path(path)} includes itself")
         pointer = include.attributes.get("xpointer")
-        root = read_xml(path)
+        root = XmlElement.read(path)
         self._count(root)
         self._expand(root, os.path.dirname(path), (*open_files, path))
         return [root] if pointer is None else _select(include, pointer, root)
@@ -435,7 +435,7 @@ def xml_text(root: XmlElement, *, is_sorted: bool = False) -> str:
 
 
 def _lines(element: XmlElement, indent: str, default_namespace: str, *, is_sorted: bool) -> Iterable[str]:
-    if element.tag == COMMENT:
+    if element.is_comment:
         yield f"{indent}<!--{element.text}-->"
         return
     is_sorted = is_sorted and element.tag != "metadata"
@@ -443,10 +443,10 @@ def _lines(element: XmlElement, indent: str, default_namespace: str, *, is_sorte
     namespace, tag = match.groups() if match else ("", element.tag)
     start = f"{indent}<{tag}"
     if namespace != default_namespace:
-        start += f' xmlns="{escape(namespace, is_attribute=True)}"'
+        start += f' xmlns="{_escape(namespace, is_attribute=True)}"'
     start += "".join(_attributes(element))
     children = _sorted(element.children) if is_sorted else element.children
-    text = escape(element.text.strip())
+    text = _escape(element.text.strip())
     if not children:
         yield f"{start}>{text}</{tag}>" if text else f"{start}/>"
         return
@@ -462,9 +462,18 @@ def _attributes(element: XmlElement) -> Iterable[str]:
             namespace, name = match.groups()
             if namespace == _XML:  # xml:base of an include that is expanded
                 continue
-            yield f' xmlns:n{number}="{escape(namespace, is_attribute=True)}"'
+            yield f' xmlns:n{number}="{_escape(namespace, is_attribute=True)}"'
             name = f"n{number}:{name}"
-        yield f' {name}="{escape(value, is_attribute=True)}"'
+        yield f' {name}="{_escape(value, is_attribute=True)}"'
+
+
+def _escape(text: str, *, is_attribute: bool = False) -> str:
+    """Return a text with special characters escaped for XML, between tags or as an attribute in double quotes."""
+    text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    if is_attribute:
+        for character, reference in (('"', "&quot;"), ("\n", "&#10;"), ("\r", "&#13;"), ("\t", "&#9;")):
+            text = text.replace(character, reference)
+    return text
 
 
 def _sorted(children: list[XmlElement]) -> list[XmlElement]:
@@ -473,7 +482,7 @@ def _sorted(children: list[XmlElement]) -> list[XmlElement]:
     """
 
     def key(child: XmlElement) -> tuple[str, ...]:
-        if child.tag == COMMENT:
+        if child.is_comment:
             return ("", "", "", "")
         get = child.attributes.get
         return child.tag, child.text.strip(), get("ns", "") + get("node", ""), get("path", "")

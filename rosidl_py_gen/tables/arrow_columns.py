@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rosidl_py_gen.bags import BagTopic
-    from rosidl_py_gen.cdr.message import Field
+    from rosidl_py_gen.cdr import Field
 
     Array = NDArray[Any]
 

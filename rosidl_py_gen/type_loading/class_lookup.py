@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, selected
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
-from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, has_installed_ros_packages, is_generated
+from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, is_generated, ros_package_index
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, TypeNotFoundError, display_path
@@ -341,7 +341,7 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distributi
     Loading it takes 10 ms, a compilation 80 ms. Returns None if another definition precedes the bundled one, if the
     distribution has another definition, or if a type that it refers to has another class.
     """
-    if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or has_installed_ros_packages())):
+    if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or os.path.isdir(ros_package_index()))):
         return None
     cls = find_installed_class(name, PREGENERATED_PACKAGE)
     if cls is not None and not _has_definition_of(cls, choice.name):

@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base import folder_trust
-from rosidl_py_gen.base.folder_trust import PRIVATE
 from rosidl_py_gen.base.resources import templates_dir
 
 if TYPE_CHECKING:
@@ -159,7 +158,7 @@ def _claim(folder: Path) -> None:
     if not problem and not _is_private(folder):
         problem = folder_trust.entries_reason(folder, accepts_private_group=False)
         if not problem:
-            os.chmod(folder, PRIVATE)
+            os.chmod(folder, folder_trust.PRIVATE)
     if problem:
         number = 1
         while os.path.lexists(renamed := f"{folder}.untrusted-{number}"):
@@ -192,7 +191,7 @@ def temporary_home() -> Path:
     if not safe:
         raise OSError(1, f"no temporary folder can be created: {reasons[0]}; set TMPDIR to a folder of the user")
     home = tempfile.mkdtemp(prefix="rosidl-py-gen-", dir=safe[0])
-    os.chmod(home, PRIVATE)  # a umask may have removed permissions of the user
+    os.chmod(home, folder_trust.PRIVATE)  # a umask may have removed permissions of the user
     process = os.getpid()
 
     def remove() -> None:

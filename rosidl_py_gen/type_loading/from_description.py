@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import full_description, individual_descriptions, rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions, individual_descriptions, rihs01
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.project import GeneratedPackages
@@ -222,7 +222,7 @@ def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
                 for distro in definition.distributions:
                     replaced[distro].update(individual_descriptions(found))
     others = {
-        distro: full_description(cls._TYPE.name, {**individuals, **parts}.__getitem__)
+        distro: TypeDescriptions.assemble(cls._TYPE.name, {**individuals, **parts}.__getitem__)
         for distro, parts in replaced.items()
         if parts
     }

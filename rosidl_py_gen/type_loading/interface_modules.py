@@ -11,7 +11,7 @@ import threading
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.names import RosName, py_name, snake_case, split_ros_name
+from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.type_loading import disk_cache
 from rosidl_py_gen.type_loading.class_lookup import get_named_class
 
@@ -63,7 +63,7 @@ class Interfaces:
             found: dict[str, list[RosName]] = {}
             for name in self.search.packages[package].files:
                 if name.kind == kind:
-                    found.setdefault("_" + snake_case(name.name), []).append(name)
+                    found.setdefault(name.module_name, []).append(name)
             self._modules[package, kind] = found
         return self._modules[package, kind]
 

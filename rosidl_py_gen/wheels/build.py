@@ -17,14 +17,13 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import ENTRY_POINTS
-from rosidl_py_gen.base.xml_reader import read_xml
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.compiler.frontend import Package, SearchPath
 
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
@@ -245,7 +244,7 @@ def read_manifest(folder: Path) -> PackageManifest:
     path = folder / "package.xml"
     if not path.exists():
         raise DefinitionError(Diagnostic(str(path), 0, 0, "there is no such file; a wheel needs its name and version"))
-    root = read_xml(str(path))
+    root = XmlElement.read(str(path))
     elements = [*root.elements]
 
     def texts(*tags: str) -> list[str]:

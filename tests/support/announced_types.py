@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
@@ -50,7 +49,7 @@ class Told:
         return self.library.type_hash(self.name)
 
     def answer(self, name: str = "", *, sources: bool = True) -> GetTypeDescription_Response:
-        told = from_dict(TypeDescription, build_type_description(name or self.name, self.library.field_rows))
+        told = from_dict(TypeDescription, self.library.type_description(name or self.name))
         kind = self.name.split("/")[1]
         source = TypeSource(type_name=self.name, encoding=kind, raw_file_contents=self.text)
         return GetTypeDescription_Response(

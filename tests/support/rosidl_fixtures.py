@@ -21,4 +21,4 @@ def rosidl() -> Iterator[Rosidl]:
 def no_installed_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide message packages of the environment, such as those that the README's first command installs."""
     monkeypatch.setattr(search_path, "ENTRY_POINTS", "a group without packages")
-    monkeypatch.setattr(search_path, "has_installed_ros_packages", lambda: False)
+    monkeypatch.setattr(search_path, "ros_package_index", lambda: "a folder that does not exist")

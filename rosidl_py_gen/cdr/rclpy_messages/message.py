@@ -209,10 +209,11 @@ def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
     kind = field.type
     code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""
     convert: Callable[[Any], Any] | None = None
-    is_sequence = kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
     if code and kind.arity is not Arity.SCALAR:
-        convert = (lambda value: to_array(value, code)) if is_sequence else lambda value: np.array(value, DTYPES[code])
-    array_code = code if is_sequence and default is None else ""
+        convert = (
+            (lambda value: to_array(value, code)) if kind.is_sequence else lambda value: np.array(value, DTYPES[code])
+        )
+    array_code = code if kind.is_sequence and default is None else ""
     return FieldSlot(field, member.__get__, member.__set__, _default(field, default, convert), convert, array_code)
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_CODE, HEADER_VALUE, WSTRING_UNIT_BYTES
+from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_VALUE, WSTRING_UNIT_BYTES
 from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
-from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plus, read_string
+from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus, read_string
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -25,11 +25,8 @@ from rosidl_py_gen.cdr.layout import (
     EMPTY_MESSAGE,
     MAX_ALIGN,
     NUL,
+    WSTRING_UNIT_BYTES,
     element_alignment,
-    fixed_count,
-    has_count,
-    has_fixed_size,
-    known_modulus,
     min_element_size,
 )
 
@@ -345,7 +342,7 @@ class LayoutPlanner:
     def is_fixed(self, name: str) -> bool:
         """Return True if all messages of a type have the same encoded size."""
         return all(
-            has_fixed_size(item.type) and (not item.type.is_message or self.is_fixed(item.type.base))
+            item.type.has_fixed_size and (not item.type.is_message or self.is_fixed(item.type.base))
             for item in self.message(name).fields
         )
 
@@ -374,11 +371,11 @@ class LayoutPlanner:
         """Return a lower bound for the encoded size of a message in bytes, in which padding is not counted."""
         total = 0
         for kind in (item.type for item in self.message(name).fields):
-            if has_count(kind):
+            if kind.is_sequence:
                 total += COUNT_BYTES
             else:
                 element = self.min_size(kind.base) if kind.is_message else min_element_size(kind)
-                total += element * fixed_count(kind)
+                total += element * kind.fixed_count
         return max(len(EMPTY_MESSAGE), total)
 
 
@@ -406,6 +403,18 @@ class _OpenRun:
 
 def _struct_code(codes: list[tuple[str, int]]) -> str:
     return "".join(letter if count == 1 else f"{count}{letter}" for letter, count in codes)
+
+
+def _known_modulus(kind: FieldType) -> int:
+    """Return a number of which the position after a string, or after a sequence of primitives, is known to be a
+    multiple.
+
+    A string may end anywhere. An empty sequence ends after its length prefix, without the padding of an element.
+    """
+    if kind.is_string:
+        return WSTRING_UNIT_BYTES if kind.base == "wstring" else 1
+    assert kind.primitive is not None
+    return min(kind.primitive.size, COUNT_BYTES)
 
 
 class _PlanBuilder:
@@ -510,7 +519,7 @@ class _PlanBuilder:
         elif kind.is_string:
             self._count(ref)
             self.steps.append(StringContent(ref, kind, self.now))
-            self._lose_offset(known_modulus(kind))
+            self._lose_offset(_known_modulus(kind))
             self.nul = kind.base == "string"
         elif self.planner.is_outlined(kind.base):
             self.close()
@@ -550,7 +559,7 @@ class _PlanBuilder:
         elif kind.is_string:
             pad, align = self._padding_before(element_alignment(kind))
             self.steps.append(StringArray(ref, kind, pad, align, self.now))
-            self._lose_offset(known_modulus(kind))
+            self._lose_offset(_known_modulus(kind))
         else:
             self._loop(ref, kind)
 
@@ -566,7 +575,7 @@ class _PlanBuilder:
                 self.now = AlignmentState(None, size, 0)
             self._advance(pad + size * kind.capacity)
         else:
-            self._lose_offset(known_modulus(kind))
+            self._lose_offset(_known_modulus(kind))
 
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base import resources
-from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import RosName, py_name, snake_case
-from rosidl_py_gen.base.resources import GENERATED_HEADER
-from rosidl_py_gen.cdr.message import ACTION_CLASSES, SERVICE_CLASSES
+from rosidl_py_gen.base.names import RosName, py_name
+from rosidl_py_gen.base.resources import GENERATED_HEADER, templates_dir
+from rosidl_py_gen.cdr.message import NESTED_CLASSES
 from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.compiler.codegen.encode import EncoderView, encoder_view
 from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
@@ -191,13 +190,8 @@ class Target(NamedTuple):
 
 def module_path(full_name: str) -> str:
     """Return the module path of an interface without the root: ``std_msgs/msg/Header`` -> ``std_msgs.msg._header``."""
-    package, kind, name = full_name.split("/")
-    return f"{package}.{kind}.{module_name(name)}"
-
-
-def module_name(interface: str) -> str:
-    """Return the file stem of an interface's module, which is private: users import the class from the package."""
-    return "_" + snake_case(interface)
+    name = RosName(*full_name.split("/"))
+    return f"{name.package}.{name.kind}.{name.module_name}"
 
 
 class MessageView(NamedTuple):
@@ -357,7 +351,7 @@ def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict
     table = "(\n" + "".join(f"        {row},\n" for row in rows) + "    )" if rows else "()"
     # As in a type description (docs/internals/protocol.md 3.4).
     explicit = (item for item in message.fields if item.default is not None)
-    defaults = [f"{py_string(item.name)}: {py_string(default_text(item.default))}" for item in explicit]
+    defaults = [f"{py_string(item.name)}: {py_string(item.default_text)}" for item in explicit]
     arguments = [f'"{message.name}"', f'"{digest}"', table, *(["{" + ", ".join(defaults) + "}"] if defaults else [])]
     lines = "".join(f"    {argument},\n" for argument in arguments)
     return f"{imports.use(_CDR, 'TypeInfo')}(\n{lines})"
@@ -411,9 +405,8 @@ def _groups(interface: Interface, imports: Imports, target: Target, is_rclpy: bo
             "TypeAlias": imports.use("typing", "TypeAlias", for_typing=True),
             "ServiceInfo": imports.use(_CDR, "ServiceInfo"),
         }
-        suffixes = ACTION_CLASSES if is_action else SERVICE_CLASSES
-        parts = {part: py_name(derived_name(name, part).name) for part in suffixes}
         base = "Action" if is_action else "Service"
+        parts = {part: py_name(derived_name(name, part).name) for part in NESTED_CLASSES[base]}
         impl: dict[str, str] | None = None
         if is_rclpy:
             names["metaclass"] = imports.use(_RCLPY, "metaclass")
@@ -448,7 +441,7 @@ def environment_of_texts() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
-        loader=FileSystemLoader(resources.templates_dir()),
+        loader=FileSystemLoader(templates_dir()),
         undefined=StrictUndefined,
         autoescape=select_autoescape(()),  # Python, not HTML; literals pass through `string` and `docstring`
         trim_blocks=True,
@@ -473,7 +466,7 @@ def _environment() -> Environment:
 
     environment = environment_of_texts()
     assert environment.loader is not None
-    compiled = ModuleLoader(resources.compiled_templates_dir())
+    compiled = ModuleLoader(Path(__file__).parents[2] / "compiled_templates")  # in wheels only
     environment.loader = ChoiceLoader([compiled, environment.loader])
     return environment
 
@@ -542,7 +535,7 @@ def package_sources(
     exports: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for name in names:
         progress(name)
-        module = module_name(name.name)
+        module = name.module_name
         files[f"{name.package}/{name.kind}/{module}.py"] = module_source(registry, name, planner, target)
         interface = registry.interface(name)
         assert interface is not None

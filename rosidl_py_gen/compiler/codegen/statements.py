@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _NUMPY = {one.code: one.numpy.rstrip("_") for one in PRIMITIVES.values()}
 """Names of numpy types by struct code. Functions and dtypes in `cdr.support` contain these names."""
+HEADER_CODE = "Hxx"
+"""Struct code of the encapsulation header, which messages pack together with their first fields."""
 
 
 def block(head: str, body: Iterable[str]) -> list[str]:

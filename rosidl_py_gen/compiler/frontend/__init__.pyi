@@ -10,10 +10,12 @@ from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText as De
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem as LiteralProblem
 from rosidl_py_gen.compiler.frontend.literal_values import file_scalar as file_scalar
 from rosidl_py_gen.compiler.frontend.literal_values import split_strings as split_strings
+from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME as CONSTANT_NAME
 from rosidl_py_gen.compiler.frontend.model import DERIVED_TYPES_PACKAGES as DERIVED_TYPES_PACKAGES
 from rosidl_py_gen.compiler.frontend.model import ConstantDef as ConstantDef
 from rosidl_py_gen.compiler.frontend.model import FieldDef as FieldDef
 from rosidl_py_gen.compiler.frontend.model import MessageDef as MessageDef
+from rosidl_py_gen.compiler.frontend.model import is_interface_name as is_interface_name
 from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH as MAX_FOLDER_DEPTH
 from rosidl_py_gen.compiler.frontend.package_files import BudgetError as BudgetError
 from rosidl_py_gen.compiler.frontend.package_files import PackageBudget as PackageBudget

@@ -10,9 +10,8 @@ from __future__ import annotations
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.descriptions import default_text
-from rosidl_py_gen.base.names import RosName, is_constant_name, is_field_name, split_ros_name
-from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef
+from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME, FIELD_NAME, FieldDef, MessageDef
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 if TYPE_CHECKING:
@@ -82,9 +81,9 @@ def _must_stay_idl(registry: InterfaceRegistry, name: RosName) -> bool:
     if interface is None or interface.source.format != "idl":
         return False
     sections = interface.sections
-    has_valid_fields = all(is_field_name(item.name) for section in sections for item in section.fields)
+    has_valid_fields = all(FIELD_NAME.allows(item.name) for section in sections for item in section.fields)
     return not (
-        has_valid_fields and all(is_constant_name(item.name) for section in sections for item in section.constants)
+        has_valid_fields and all(CONSTANT_NAME.allows(item.name) for section in sections for item in section.constants)
     )
 
 
@@ -128,7 +127,7 @@ def _msg_lines(message: MessageDef) -> Iterator[tuple[str, FieldDef | None]]:
         yield f"# {text}".rstrip(), None
     for constant in message.constants:
         yield from _comment(constant)
-        yield f"{constant.type} {constant.name}={default_text(constant.value)}", None
+        yield f"{constant.type} {constant.name}={constant.value_text}", None
     for item in message.fields:
         yield from _comment(item)
         value = list(item.default) if isinstance(item.default, tuple) else item.default

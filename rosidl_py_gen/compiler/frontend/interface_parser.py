@@ -20,19 +20,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
-from rosidl_py_gen.base.names import (
-    CONSTANT_RULE,
-    INTERFACE_RULE,
-    PACKAGE_RULE,
-    RosName,
-    did_you_mean,
-    is_constant_name,
-    is_field_name,
-    is_interface_name,
-    is_package_name,
-)
+from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import (
+    CONSTANT_NAME,
+    FIELD_NAME,
     SECTIONS,
     ConstantDef,
     Diagnostics,
@@ -44,6 +36,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     SyntaxProblem,
     Token,
     assemble,
+    is_interface_name,
     section_names,
 )
 from rosidl_py_gen.errors import Diagnostic
@@ -221,10 +214,10 @@ class _Section:
             if kind.is_message or kind.arity is not Arity.SCALAR or kind.string_bound:
                 token = tokens.get("member", tokens["type"])
                 raise token.problem(f'expected a primitive type or string for a constant, found "{kind}"')
-            if not is_constant_name(name.text):
-                raise name.problem(f'"{name.text}" is not a constant name; expected {CONSTANT_RULE}')
-        elif not is_field_name(name.text):
-            raise name.problem(f'"{name.text}" is not a field name; expected {PACKAGE_RULE}')
+            if not CONSTANT_NAME.allows(name.text):
+                raise name.problem(f'"{name.text}" is not a constant name; expected {CONSTANT_NAME}')
+        elif not FIELD_NAME.allows(name.text):
+            raise name.problem(f'"{name.text}" is not a field name; expected {FIELD_NAME}')
         value = tokens.get("value", tokens.get("default"))
         try:
             if "equals" in tokens:
@@ -284,11 +277,11 @@ def _base(tokens: dict[str, Token], package: str) -> str:
         if not has_package:
             other = FOREIGN_TYPES.get(text.lower())
             hint = f"; use {other}" if other else did_you_mean(text, _TYPES)
-        raise token.problem(f'"{text}" is neither a primitive type nor a message name ({INTERFACE_RULE}){hint}')
+        raise token.problem(f'"{text}" is neither a primitive type nor a message name ({INTERFACE_NAME}){hint}')
     if has_package:
         package = tokens["type"].text
-        if not is_package_name(package):
-            raise tokens["type"].problem(f'"{package}" is not a package name; expected {PACKAGE_RULE}')
+        if not PACKAGE_NAME.allows(package):
+            raise tokens["type"].problem(f'"{package}" is not a package name; expected {PACKAGE_NAME}')
     return f"{package}/msg/{text}"
 
 

@@ -7,12 +7,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, RosName, SpellingRule
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
@@ -26,6 +27,14 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 """Name suffixes of the messages that an interface file defines, by kind (msg, srv, action)."""
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
+FIELD_NAME = PACKAGE_NAME
+"""Rule for names of fields, which is the same as for packages."""
+CONSTANT_NAME = SpellingRule(
+    # Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
+    re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII),
+    "upper case letters, digits and single underscores, a letter first, no underscore last",
+)
+_DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
 _UUID = "unique_identifier_msgs/msg/UUID"
 _TIME = "builtin_interfaces/msg/Time"
 _INFO = "service_msgs/msg/ServiceEventInfo"
@@ -102,6 +111,11 @@ class FieldDef(NamedTuple):
     unit: str
     location: Location
 
+    @property
+    def default_text(self) -> str:
+        """Default value as text for a type description; "" without a default (docs/internals/protocol.md 3.4)."""
+        return "" if self.default is None else _value_text(self.default)
+
 
 class ConstantDef(NamedTuple):
     """Definition of a constant, whose type is a primitive or an unbounded string."""
@@ -112,6 +126,10 @@ class ConstantDef(NamedTuple):
     comment: tuple[str, ...]
     unit: str
     location: Location
+
+    @property
+    def value_text(self) -> str:
+        return _value_text(self.value)
 
 
 class MessageDef(NamedTuple):
@@ -207,6 +225,18 @@ class Diagnostics:
     def is_full(self, location: Location) -> bool:
         """Return True if the location's file has so many diagnostics that further ones are dropped."""
         return self._counts.get(location.source.path, 0) > MAX_PROBLEMS
+
+
+def _value_text(value: Default) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def is_interface_name(text: str) -> bool:
+    """Return True for a valid file stem of an interface; a prefix ``Sample_`` and one derived suffix are allowed."""
+    text = text.removeprefix("Sample_")
+    for suffix in _DERIVED_SUFFIXES:
+        text = text.removesuffix(suffix)
+    return INTERFACE_NAME.allows(text)
 
 
 def derived_name(name: RosName, suffix: str) -> RosName:

@@ -13,14 +13,10 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.descriptions import (
     Description,
     FieldRow,
-    TypeHasher,
-    action_rows,
-    build_type_description,
-    default_text,
+    TypeDescriptions,
     individual_descriptions,
-    service_rows,
 )
-from rosidl_py_gen.base.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.names import INTERFACE_NAME, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import (
@@ -58,7 +54,7 @@ class InterfaceRegistry:
         self._interfaces: dict[RosName, Interface | None] = {}
         self._texts: set[RosName] = set()
         self._messages: dict[str, MessageDef] = {}
-        self._hashes = TypeHasher(self.field_rows)
+        self._descriptions = TypeDescriptions(self.field_rows)
         self._missing: set[tuple[str, str]] = set()
 
     def is_first_report(self, path: str, package: str) -> bool:
@@ -88,7 +84,7 @@ class InterfaceRegistry:
             path = self.search.file(name)
             source = read_source(path, display_path(path), self.diagnostics) if path else None
             if source is not None and not may_be_file(name):
-                text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
+                text = f'"{name.name}" is not an interface name; expected {INTERFACE_NAME}'
                 self.diagnostics.add(Location(source, 1, 1), text)
                 source = None
             self._store(name, parse_interface(name, source, self.diagnostics) if source else None)
@@ -144,17 +140,21 @@ class InterfaceRegistry:
         """
         message = self.message(full_name)
         if message is not None:
-            return [(item.name, item.type, default_text(item.default)) for item in message.fields]
+            return [(item.name, item.type, item.default_text) for item in message.fields]
         name = split_ros_name(full_name)
         if isinstance(self.interface(name), ActionDef):
-            return action_rows(full_name)
+            return TypeDescriptions.action_rows(full_name)
         if self.message(f"{full_name}_Request") is None:
             raise TypeNotFoundError(f"no interface {full_name}")
-        return service_rows(full_name)
+        return TypeDescriptions.service_rows(full_name)
+
+    def type_description(self, full_name: str) -> Description:
+        """Return the type description of a message, service or action; all types to which it refers must exist."""
+        return self._descriptions.of(full_name)
 
     def type_hash(self, full_name: str) -> str:
         """Return the RIHS01 hash of a message, service or action; all types to which it refers must exist."""
-        return self._hashes.of(full_name)
+        return self._descriptions.hash_of(full_name)
 
     def all_hashes(self, full_name: str) -> dict[str, str]:
         """Return the RIHS01 hashes of a type and of all types that it refers to, by full name."""
@@ -164,13 +164,13 @@ class InterfaceRegistry:
         """Return the full name of a type, followed by the sorted names of all types to which it refers, at
         any depth.
         """
-        return [*individual_descriptions(build_type_description(full_name, self.field_rows))]
+        return [*individual_descriptions(self.type_description(full_name))]
 
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
         """Return a type's description with default values, and by type name the `repr` of each constant of the type and
         all types in it.
         """
-        description = build_type_description(full_name, self.field_rows)
+        description = self.type_description(full_name)
         found = {name: self.message(name) for name in individual_descriptions(description)}
         return description, {
             name: {item.name: repr(item.value) for item in one.constants} if one else {} for name, one in found.items()

@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
-from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, did_you_mean, is_package_name, split_ros_name
+from rosidl_py_gen.base.names import KINDS, PACKAGE_NAME, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import ENTRY_POINTS, ROS_PACKAGE_INDEX, has_installed_ros_packages, is_generated
+from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated, ros_package_index
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import (
     BUILD_TREE_MARKERS,
@@ -76,7 +76,7 @@ class Package:
         """Return the interface package in a source folder; None if the folder has no interfaces, or for an invalid
         name.
         """
-        if not is_package_name(name) or not (holds_interfaces(folder) or mentions_interfaces(folder)):
+        if not PACKAGE_NAME.allows(name) or not (holds_interfaces(folder) or mentions_interfaces(folder)):
             return None
         return cls(name, folder, "", from_source=True)
 
@@ -244,7 +244,7 @@ def scan_search_path(
     for prefix in filter(None, prefixes.split(os.pathsep)):
         share = Path(prefix) / "share"
         holders = (Path(entry.path) for entry in _entries(share) if holds_interfaces(Path(entry.path)))
-        _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
+        _add(found, prefix, (Package(path.name, path, prefix) for path in holders if PACKAGE_NAME.allows(path.name)))
     if choice is not None:
         if installed := [*_installed()]:
             _add(found, _INSTALLED, installed)
@@ -280,12 +280,10 @@ def _installed() -> Iterator[Package]:
     for package in _installed_by_entry_points():
         names.add(package.name)
         yield package
-    note(os.path.join(sys.prefix, ROS_PACKAGE_INDEX))
-    if has_installed_ros_packages():
-        for entry in _entries(Path(sys.prefix, ROS_PACKAGE_INDEX)):
-            folder = Path(sys.prefix, "share", entry.name)
-            if entry.name not in names and is_package_name(entry.name) and holds_interfaces(folder):
-                yield Package(entry.name, folder, _INSTALLED)
+    for entry in _entries(Path(ros_package_index())):
+        folder = Path(sys.prefix, "share", entry.name)
+        if entry.name not in names and PACKAGE_NAME.allows(entry.name) and holds_interfaces(folder):
+            yield Package(entry.name, folder, _INSTALLED)
 
 
 def _installed_by_entry_points() -> Iterator[Package]:
@@ -296,7 +294,7 @@ def _installed_by_entry_points() -> Iterator[Package]:
             spec = find_spec(module.partition(".")[0])
         except (ImportError, ValueError):
             continue
-        if spec is not None and spec.origin and is_package_name(name):
+        if spec is not None and spec.origin and PACKAGE_NAME.allows(name):
             folder = Path(spec.origin).parent
             if holds_interfaces(folder):
                 yield Package(name, folder, _INSTALLED)
@@ -389,11 +387,11 @@ def _descend(
             package = Package(name, folder, origin, is_package)
             if not holds and not (package.listing and package.listing.files):
                 return
-            if is_package_name(name):
+            if PACKAGE_NAME.allows(name):
                 yield package
             else:
                 place = str(manifest if is_package else folder)
-                refused[name] = Diagnostic(place, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_RULE}')
+                refused[name] = Diagnostic(place, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_NAME}')
         return
     for entry in _entries(folder):
         is_folder = os.path.isdir(entry.path)  # entry.is_dir() raises for a link to itself

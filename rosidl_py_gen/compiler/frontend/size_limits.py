@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.cdr.layout import fixed_count, has_count
-
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, Location, MessageDef
 
@@ -77,7 +75,7 @@ class SizeChecker:
             return
         for item in message.fields:
             below = self._sizes.get(item.type.base, _UNKNOWN) if item.type.is_message else _UNKNOWN
-            count = 0 if has_count(item.type) else fixed_count(item.type)
+            count = 0 if item.type.is_sequence else item.type.fixed_count
             values += 1 + (0 if item.type.primitive else count * below.values)
             size += count * (item.type.primitive.size if item.type.primitive else below.size)
             is_inline = below.inline_fields <= _MAX_INLINE_FIELDS

@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 
-from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description, individual_description
-from rosidl_py_gen.base.fieldtype import PRIMITIVES, STRINGS, Arity, FieldType
+from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_scalar, python_value
@@ -48,10 +48,6 @@ Sources = Mapping[str, tuple[str, str]]
 source."""
 
 _FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
-_WSTRINGS = 22 + Arity.BOUNDED.value
-_BASES = {1: "", **{one.type_id: name for name, one in PRIMITIVES.items() if name != "char"}}
-_BOUNDED = (21, 22)
-_BASES |= {number: name for name, number in STRINGS.items()} | dict(zip(_BOUNDED, STRINGS, strict=True))
 
 
 def written_messages(name: RosName, is_service: bool) -> tuple[str, ...]:
@@ -166,8 +162,8 @@ class _RaiseOnFirst(Diagnostics):
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:
-    rows = [(item.name, item.type, "") for item in message.fields]
-    return _fields_of(individual_description(str(message.name), rows))
+    rows = [(item.name, item.type) for item in message.fields] or [EMPTY_MESSAGE]
+    return [(name, kind.description()) for name, kind in rows]
 
 
 def _fields_of(one: Description | None) -> list[tuple[object, object]]:
@@ -194,7 +190,7 @@ class _DescriptionConverter:
             raise _problem(name, "expected at least one field, found none")
         if len({py_name(item.name) for item in fields}) < len(fields):
             raise _problem(name, "two fields have the same name")
-        if [(item.name, item.type) for item in fields] == [EMPTY_MESSAGE[0][:2]]:
+        if [(item.name, item.type) for item in fields] == [EMPTY_MESSAGE]:
             fields = ()
         return MessageDef(split_ros_name(name), fields, (), (), source)
 
@@ -216,22 +212,16 @@ class _DescriptionConverter:
 
 
 def _type(where: str, description: Description) -> FieldType:
-    number, capacity = description["type_id"], description["capacity"]
-    bound, nested = description["string_capacity"], description["nested_type_name"]
-    base = _BASES.get(number % 48)
-    if base is None or number // 48 > 3:
-        raise _problem(where, f"the type id {number} is not supported")
-    if not base:
+    kind = FieldType.of_description(description)
+    if kind is None:
+        raise _problem(where, f"the type id {description['type_id']} is not supported")
+    if kind.base == description["nested_type_name"]:
         try:
-            split_ros_name(nested)
+            split_ros_name(kind.base)
         except InvalidNameError as error:
             raise _problem(where, str(error)[:400]) from None
-    arity = Arity(number // 48 * 48)
-    if number == _WSTRINGS and capacity == bound:
-        # The description of wstring<=N[] by rosidl (docs/internals/protocol.md 1.7).
-        arity, capacity = Arity.UNBOUNDED, 0
-    kind = FieldType(base or nested, arity, capacity, bound)
-    is_right = (capacity > 0) is (arity in (Arity.ARRAY, Arity.BOUNDED)) and (bound > 0) is (number % 48 in _BOUNDED)
+    has_capacity = kind.arity in (Arity.ARRAY, Arity.BOUNDED)
+    is_right = (kind.capacity > 0) is has_capacity and (kind.string_bound == 0 or kind.is_string)
     if not is_right or kind.description() != description:
         raise _problem(where, f"no field has the type {description}"[:400])
     return kind

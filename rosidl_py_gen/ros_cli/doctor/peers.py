@@ -9,13 +9,13 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
+import sys
 from collections import Counter, defaultdict
 from contextlib import suppress
 from itertools import chain, islice
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.python_processes import python_command
 from rosidl_py_gen.command_support import self_test_process
 from rosidl_py_gen.command_support.command_node import CommandNode
 from rosidl_py_gen.errors import RosidlError
@@ -55,6 +55,15 @@ _MAX_MISMATCHES = 20
 # ----------------------------------------------------------------------------------------------------------- self-test
 
 
+def _python_command(statements: str, *arguments: str) -> list[str]:
+    """Return the command line of a Python process that runs the given statements with the import path of this process.
+
+    The arguments are in ``sys.argv[1:]``. A process started with ``-m``, or with ``-c`` alone, would import modules of
+    the current folder first, which are not trusted.
+    """
+    return [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}; {statements}", *arguments]
+
+
 class SelfTest:
     """Self-test with a second process that joins the same domain with the same settings and sends messages back."""
 
@@ -64,7 +73,7 @@ class SelfTest:
         settings = command_node.context.settings
         arguments = (str(settings.domain_id), settings.discovery_range.value, self._test_id)
         self._process = subprocess.Popen(
-            python_command(f"from {self_test_process.__name__} import start; start(*sys.argv[1:])", *arguments),
+            _python_command(f"from {self_test_process.__name__} import start; start(*sys.argv[1:])", *arguments),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TypedDict, TypeVar
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, FieldType
-from rosidl_py_gen.base.names import is_constant_name, is_interface_name, is_package_name
-from rosidl_py_gen.compiler.frontend import LiteralProblem, file_scalar, split_strings
+from rosidl_py_gen.base.names import PACKAGE_NAME
+from rosidl_py_gen.compiler.frontend import CONSTANT_NAME, LiteralProblem, file_scalar, is_interface_name, split_strings
 
 PACKAGE_NAME_MESSAGE_TYPE_SEPARATOR = "/"
 COMMENT_DELIMITER = "#"
@@ -95,12 +95,12 @@ class InvalidValue(Exception):
 
 def is_valid_package_name(name: str) -> bool:
     """Return True if a text is a valid name of a package; raise `InvalidResourceName` for other objects than texts."""
-    return is_package_name(_text(name))
+    return PACKAGE_NAME.allows(_text(name))
 
 
 def is_valid_field_name(name: str) -> bool:
     """Return True if a text is a valid name of a field; raise `InvalidResourceName` for other objects than texts."""
-    return is_package_name(_text(name))
+    return PACKAGE_NAME.allows(_text(name))
 
 
 def is_valid_message_name(name: str) -> bool:
@@ -110,7 +110,7 @@ def is_valid_message_name(name: str) -> bool:
 
 def is_valid_constant_name(name: str) -> bool:
     """Return True if a text is a valid name of a constant; raise `InvalidResourceName` for other objects than texts."""
-    return is_constant_name(_text(name))
+    return CONSTANT_NAME.allows(_text(name))
 
 
 def _text(name: object) -> str:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.base.waiters import complete_threadsafe, set_result_if_pending
+from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
@@ -250,13 +250,13 @@ def request_decision(
     def on_result(value: object) -> None:
         if not isinstance(value, GoalDecision):
             value = GoalDecision.ACCEPT if value is None or value else GoalDecision.REJECT
-        set_result_if_pending(reply, apply(value))
+        complete_threadsafe(reply, apply(value))
 
     task = callback.call(argument, on_result=on_result)
     if task is None:
-        set_result_if_pending(reply, refusal)
+        complete_threadsafe(reply, refusal)
     else:
-        task.add_done_callback(lambda _: set_result_if_pending(reply, refusal))
+        task.add_done_callback(lambda _: complete_threadsafe(reply, refusal))
 
 
 class GoalRequest(Generic[ActionT_co]):

@@ -19,7 +19,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.waiters import Waiters, complete_threadsafe, current_loop, set_result_if_pending
+from rosidl_py_gen.base.waiters import Waiters, complete_threadsafe, current_loop
 from rosidl_py_gen.runtime.actions.states import (
     MIN_RESULT_RETENTION_NS,
     TERMINAL_STATUS_OF,
@@ -341,7 +341,7 @@ class ServerGoals:
                 self._scope.logger.warning(
                     f"goal request of action {self._name}: dropped without accept(), defer() or reject(); rejected"
                 )
-                set_result_if_pending(reply, None)
+                complete_threadsafe(reply, None)
 
         self._scope.loop_binding.call_soon(reject)
 

@@ -29,7 +29,7 @@ from contextvars import copy_context
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypeVar, get_args
 
-from rosidl_py_gen.base.waiters import set_result_if_pending
+from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.logs import report_failure
 
@@ -217,8 +217,7 @@ async def in_thread(name: str, function: Callable[..., Any], *arguments: object)
             value = context.run(function, *arguments)
         except BaseException as raised:
             error = raised
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            loop.call_soon_threadsafe(set_result_if_pending, done, (value, error))
+        complete_threadsafe(done, (value, error))
 
     threading.Thread(target=call, name=name, daemon=True).start()
     value, error = await done

@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.distributions import command_distribution
-from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
+from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.discovery import Discovery
@@ -452,10 +452,8 @@ def close_all() -> None:
 def _close_at_exit() -> None:
     # A second Ctrl-C must not leave DDS entities open: they may block the end of the interpreter for ever.
     if open_contexts and signal.getsignal(signal.SIGINT) is not command_interrupts:
-        interrupts = CommandInterrupts()
-        interrupts.ignores_first = True
         with suppress(ValueError):  # this is not the main thread
-            signal.signal(signal.SIGINT, interrupts)
+            command_interrupts.ignore_next()
     for core in list(open_contexts):
         core.close_at_exit()
 

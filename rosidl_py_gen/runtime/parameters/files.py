@@ -23,9 +23,9 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from rosidl_py_gen.base.distributions import is_selected_since
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.resources import missing_extra_message
-from rosidl_py_gen.base.yaml_text import STRING, YamlError, yaml_events
+from rosidl_py_gen.base.yaml_text import YamlError, yaml_events
 from rosidl_py_gen.runtime.names import find_namespace_fault, find_node_name_fault
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
@@ -49,7 +49,7 @@ except ModuleNotFoundError as missing:
 
 
 PARAMETERS_KEY = "ros__parameters"
-_BINARY = "tag:yaml.org,2002:binary"
+_BINARY, _STRING = "tag:yaml.org,2002:binary", "tag:yaml.org,2002:str"
 _TYPE_TAGS = {
     "tag:yaml.org,2002:bool": ParameterType.BOOL,
     "tag:yaml.org,2002:int": ParameterType.INTEGER,
@@ -606,9 +606,9 @@ def _fail(name: str, event: yaml.Event, text: str) -> NoReturn:
 def _scalar(node: yaml.ScalarEvent) -> ParameterValue:
     if not node.value and node.style not in ("'", '"'):
         return plain_scalar("")
-    if node.tag in _TYPE_TAGS and is_selected_since("lyrical"):
+    if node.tag in _TYPE_TAGS and selected().is_since("lyrical"):
         return _tagged_scalar(node.value, _TYPE_TAGS[node.tag])
-    if node.tag == STRING or node.style in ("'", '"'):
+    if node.tag == _STRING or node.style in ("'", '"'):
         return ParameterValue(ParameterType.STRING, node.value)
     return plain_scalar(node.value)
 

@@ -36,10 +36,10 @@ def test_new_folders_are_private_with_any_umask(tmp_path: Path, mask: int) -> No
     assert modes == [0o700] * 3
 
 
-def test_given_mode_is_restricted_by_the_umask_but_keeps_owner_access(tmp_path: Path) -> None:
+def test_mode_of_readable_folders_is_restricted_by_the_umask_but_keeps_owner_access(tmp_path: Path) -> None:
     for number, mask in enumerate((0, 0o022, 0o077, 0o777)):
         with umask(mask):
-            make_folder(tmp_path / str(number), 0o755)
+            make_folder(tmp_path / str(number), is_private=False)
     assert [stat.S_IMODE(os.stat(tmp_path / str(one)).st_mode) for one in range(4)] == [0o755, 0o755, 0o700, 0o700]
 
 

@@ -14,6 +14,7 @@ PACKAGE = ROOT / "rosidl_py_gen"
 HOSTILE = "\x1b]0;t\x07\x9b2J\x7f\u202e\u2066\u200b\ufeff\ud800\U000e0041\x00\r"
 FOLDERS = (
     "command_support",
+    "compiler",
     "foxglove",
     "generator_cli",
     "plotting",
@@ -25,6 +26,7 @@ FOLDERS = (
 PRINTERS = {
     "generator_cli/command_line.py": "the functions of this command line",
     "generator_cli/__init__.py": "a progress bar without names",
+    "compiler/regenerate.py": "for maintainers: paths of this package",
     "command_support/terminal_output.py": "the functions of this command line",
     "ros_cli/__init__.py": "warnings, and flushing",
     "command_support/__init__.py": "errors",

@@ -21,8 +21,8 @@ from support.markdown_pages import PAGES, blocks, prose, rows
 import rosidl_py_gen
 from rosidl_py_gen import bags, numpy, runtime, tf
 from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS
-from rosidl_py_gen.base.package_repositories import REPOSITORIES, install_command_of
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
+from rosidl_py_gen.prefix.launch_packages import REPOSITORIES, install_command_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

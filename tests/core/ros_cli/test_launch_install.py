@@ -12,8 +12,8 @@ from zipfile import ZipFile
 import pytest
 from support.interface_packages import write
 
-from rosidl_py_gen.base.package_repositories import LAUNCH_PACKAGES, install_note
 from rosidl_py_gen.prefix import launch_install
+from rosidl_py_gen.prefix.launch_packages import LAUNCH_PACKAGES, install_note
 from rosidl_py_gen.wheels.environment import Installer
 
 if TYPE_CHECKING:

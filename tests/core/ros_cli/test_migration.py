@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.base.fieldtype import parse_field_type
+from rosidl_py_gen.base.fieldtype import FieldType
 from rosidl_py_gen.ros_cli.bag.migration import MigrationError, MigrationRules, RenameRule, plan
 
 A = "a_msgs/msg/A"
@@ -15,9 +15,7 @@ A = "a_msgs/msg/A"
 def types(**messages: str) -> Any:
     """Return the fields of messages, as ``A="int8 x, string y"`` for a_msgs/msg/A."""
     fields = {name: [part.split() for part in text.split(",")] for name, text in messages.items()}
-    return {
-        f"a_msgs/msg/{name}": [(field, parse_field_type(kind)) for kind, field in of] for name, of in fields.items()
-    }
+    return {f"a_msgs/msg/{name}": [(field, FieldType.parse(kind)) for kind, field in of] for name, of in fields.items()}
 
 
 def rules(renamed: dict[str, str]) -> MigrationRules:

@@ -12,7 +12,7 @@ from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from rosidl_py_gen.base.names import snake_case
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
 from rosidl_py_gen.runtime import LifecycleNode, State, TransitionCallbackReturn
 from rosidl_py_gen.runtime.qos import DEFAULT
@@ -70,7 +70,8 @@ async def test_invalid_names_of_peers_do_not_hide_valid_ones(memory: World, tool
         robot._scope.discovery.add_node(name, namespace)
         prefix = f"{namespace}/{name}"
         for kind in kinds:
-            spec = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", DEFAULT)
+            name = RosName("rcl_interfaces", "srv", kind)
+            spec = ServiceSpec(f"{prefix}/{name.module_name[1:]}", str(name), "", "", "", DEFAULT)
             participant.create_server(spec)
         participant.create_writer(EndpointSpec(TopicKey("topic", f"{prefix}/x"), String._TYPE.name, DEFAULT, "", 1))
     participant.create_writer(EndpointSpec(TopicKey("topic", "/typeless"), "no::ROS type", DEFAULT, "", 1))

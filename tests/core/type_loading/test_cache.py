@@ -166,7 +166,7 @@ def test_new_cached_folders_and_files_are_private_with_any_umask(home: Path, mas
 @pytest.mark.parametrize("place", ["", "lib", "lib/site-packages", "lib/site-packages/json.py"])
 def test_a_cached_folder_that_was_writable_at_any_depth_is_replaced(home: Path, mode: int, place: str) -> None:
     folder = disk_cache.cached_folder("prefix", ["words"])
-    make_folder(folder / "lib/site-packages", 0o755)
+    make_folder(folder / "lib/site-packages", is_private=False)
     (folder / "lib/site-packages/json.py").touch(0o644)
     folder.chmod(0o755)  # other users can enter it
     assert not disk_cache.is_usable(folder)
@@ -202,7 +202,7 @@ def test_a_cache_of_another_user_is_not_used(home: Path, place: str) -> None:
 @pytest.mark.parametrize("place", ["", "lib", "lib/json.py", "link"])
 def test_a_prefix_with_files_of_another_user_is_replaced(home: Path, place: str) -> None:
     folder = disk_cache.cached_folder("prefix", ["words"])
-    make_folder(folder / "lib", 0o755)
+    make_folder(folder / "lib", is_private=False)
     (folder / "lib/json.py").touch()
     (folder / "link").symlink_to("/nowhere")
     folder.chmod(0o755)

@@ -14,7 +14,7 @@ from support.rclpy_messages import hooked
 from rosidl_py_gen import DefinitionError, compile_definition, get_message
 from rosidl_py_gen.bags import BagReader, BagWarning, DecoderFactory
 from rosidl_py_gen.base.descriptions import individual_description
-from rosidl_py_gen.base.fieldtype import parse_field_type
+from rosidl_py_gen.base.fieldtype import FieldType
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_ELEMENTS
 from rosidl_py_gen.compiler.generate import generate
@@ -77,7 +77,7 @@ def test_texts_of_bags_are_refused() -> None:
 def test_descriptions_of_nodes_are_refused() -> None:
     """A description has at most 1000 fields of one type; nested messages make more of them."""
     small = compile_definition("wide_msgs/msg/Pair", "float32 x\nfloat32 y\n")
-    rows = [(f"f{i}", parse_field_type("wide_msgs/msg/Pair"), "") for i in range(700)]
+    rows = [(f"f{i}", FieldType.parse("wide_msgs/msg/Pair"), "") for i in range(700)]
     pair = [(field.ros_name, field.type, "") for field in small._TYPE.fields]
     described = {
         name: individual_description(name, found)

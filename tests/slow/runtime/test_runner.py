@@ -19,6 +19,7 @@ from std_msgs.msg import Int32
 from support.processes import python_process
 from support.waiting import until
 
+from rosidl_py_gen.base import interrupts
 from rosidl_py_gen.base.interrupts import CommandInterrupts
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, runner, spin
@@ -230,7 +231,8 @@ def test_immediate_second_ctrl_c_counts_as_one_request() -> None:
 def test_second_ctrl_c_is_ignored_if_a_command_ignores_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     handler = CommandInterrupts()
     handler.ignores_first = True
-    monkeypatch.setattr(runner, "REPEAT_S", -1.0)
+    monkeypatch.setattr(runner, "command_interrupts", handler)
+    monkeypatch.setattr(interrupts, "REPEAT_S", -1.0)
     before = signal.signal(signal.SIGINT, handler)
     try:
         assert run(interrupted_twice) is None

@@ -14,7 +14,6 @@ from support.waiting import until
 from support.worlds import World
 
 from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash, type_loading
-from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError, type_descriptions
 from rosidl_py_gen.type_loading import from_description
@@ -50,7 +49,7 @@ async def test_type_is_resolved_from_description_without_source(world: World) ->
     cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
     made = cls()
     assert (made.x, made.word, list(made.pair), made.words, made.on) == (5, "a'b", [1.5, -2.0], ["p", "q"], True)
-    assert type_description(cls) == build_type_description(told.name, told.library.field_rows)
+    assert type_description(cls) == told.library.type_description(told.name)
 
 
 async def test_source_that_contradicts_its_description_is_ignored(world: World) -> None:

@@ -10,7 +10,7 @@ from support import raw_endpoints
 from support.announced_types import fresh, teller, told_by
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.base.descriptions import build_type_description, rihs01
+from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import TypeDescriptionError
@@ -61,7 +61,7 @@ NAMES = ["__init__", "x y", "x\nimport os", "\N{SNOWMAN}", "9x", ""]
 @pytest.mark.parametrize("what", [*TYPES, *NAMES, "many", "twice", "default", "empty"])
 async def test_impossible_type_description_is_refused(memory: World, what: str) -> None:
     honest = fresh()
-    description = build_type_description(honest.name, honest.library.field_rows)
+    description = honest.library.type_description(honest.name)
     absurd(description, what)
     answer = GetTypeDescription_Response(successful=True, type_description=from_dict(TypeDescription, description))
     robot = teller(memory, "robot", lambda request: answer)
