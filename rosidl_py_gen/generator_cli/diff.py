@@ -322,7 +322,7 @@ async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]
         raise SourceError(f"{robot} describes none of its types: {notes[0]}")
     if used["srv"] or used["action"]:
         notes.append(
-            f"{robot}: constants of services and actions are unknown, and defaults may be those of this installation"
+            f"{robot}: constants of services and actions are unknown, and defaults may come from this installation"
         )
     return merge(parts), notes
 

@@ -96,7 +96,7 @@ class Mismatch:
     Attributes:
         writer: sender of the messages or requests.
         reader: receiver of the messages or requests.
-        kind: what differs: the type, the definition of the type, or the QoS.
+        kind: what differs: the type, the definition of the type (on Zenoh also the format of type hashes), or the QoS.
         reason: text for people about both endpoints.
     """
 

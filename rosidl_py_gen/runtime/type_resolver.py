@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.entities.services import CallTimeoutError
 from rosidl_py_gen.runtime.time_values import Deadline
 from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.type_descriptions import (
-    SERVICE,
+    TYPE_DESCRIPTION_SERVICE,
     TYPE_HASH,
     TypeDescriptionError,
     announced,
@@ -211,7 +211,7 @@ class TypeResolver:
         from rosidl_py_gen.type_loading import find_named_class
 
         name, path = announcement.type_name, self._path
-        reason = f"the nodes of {self._subject} announce no hash for {name}, as those of ROS 2 Humble do"
+        reason = f"the nodes of {self._subject} announce no hash for {name}, as nodes of ROS 2 Humble do"
         if self._wanted_hash:
             cls = await self._find_local(announcement, self._matches(announcement))
             if cls is None:
@@ -401,7 +401,9 @@ class TypeResolver:
 
         service_timeout_s = timeout_s(_SERVICE_TIMEOUT_S)
         if not await scope.wait_until(lambda: self._serves(node), service_timeout_s):
-            raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {service_timeout_s:.3g} s")
+            raise CallTimeoutError(
+                f"no server of {service} ({TYPE_DESCRIPTION_SERVICE}) appeared in {service_timeout_s:.3g} s"
+            )
         return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(ANSWER_TIMEOUT_S))
 
     def _accept(self, sender: str, name: str, wanted_hash: str, data: bytes) -> None:

@@ -152,7 +152,7 @@ IDL_NAMES = {
     "float64": "double",
     "idl_char": "char",
 }
-"""Names of primitives in IDL that differ from those in .msg files."""
+"""Names of primitives in IDL that differ from their names in .msg files."""
 
 
 def slot_name(name: str) -> str:

@@ -407,7 +407,9 @@ class TypeHashFilter(Generic[W]):
         if not self._fits(data):
             text = f"its messages do not fit the definition of {name} in use here"
             fitting = tuple(distro for distro in others if self._fits(data, distro))
-            advice = f", but that of {', '.join(fitting)}; {distribution_advice(fitting, name)}" if fitting else ""
+            advice = (
+                f", but the definition of {', '.join(fitting)}; {distribution_advice(fitting, name)}" if fitting else ""
+            )
             return self._drop_without_hash(endpoint, text + advice)
         if is_humble:
             return _Verdict.DELIVER_ALL

@@ -330,7 +330,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         on_error = partial(complete_threadsafe, future, None)
         pending: PendingRequest[ResponseT] = PendingRequest(encoded, partial(_complete, future), on_error, left_s)
         self._enqueue(pending, servers)
-        if left_s is not None:
+        if left_s is not None and pending in self._pending:
             if self._timeouts is None or self._timeouts.loop is not loop:
                 self._timeouts = TimeoutTable(loop, self._expire)
             pending.timeouts = self._timeouts

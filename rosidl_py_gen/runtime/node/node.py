@@ -1,7 +1,7 @@
 """Public class for nodes, `Node`, which creates entities and inherits the other methods from mixin classes.
 
-Entities do not know their node. Only lifecycle nodes, the runner and the pytest plugin import this module. Names and
-defaults of service and action methods are those of rclpy. Action clients and servers are imported when they are first
+Entities do not know their node. Only lifecycle nodes, the runner and the pytest plugin import this module. Methods of
+services and actions have the names and defaults of rclpy. Action clients and servers are imported when they are first
 used, because most nodes have none.
 """
 

@@ -595,10 +595,10 @@ class Incompatibility:
 
     @property
     def mismatch_kind(self) -> Literal["type", "definition", "qos"]:
-        """Kind of the difference as in `Mismatch.kind`; other kinds than type and definition count as ``qos``."""
+        """Kind of the difference as in `Mismatch.kind`; a missing type hash counts as ``definition``."""
         if self.kind is IncompatibilityKind.TYPE:
             return "type"
-        return "definition" if self.kind is IncompatibilityKind.DEFINITION else "qos"
+        return "qos" if self.kind is IncompatibilityKind.QOS else "definition"
 
     @property
     def policies(self) -> tuple[QoSPolicyKind, ...]:

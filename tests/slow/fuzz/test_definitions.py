@@ -223,7 +223,7 @@ TestDefinitions.settings = settings(
 @pytest.mark.parametrize(("name", "text"), [("fuzz/srv/S", "int8 a\n---\n"), ("fuzz/action/C", "---\n---\nint8 a\n")])
 def test_decoder_factory_refuses_the_schema_of_a_service_or_action(name: str, text: str) -> None:
     schema: Any = SimpleNamespace(name=name, data=text.encode(), encoding="ros2msg")
-    with pytest.raises(DefinitionError, match="the schema is that of a service or action, expected that of a message"):
+    with pytest.raises(DefinitionError, match="the schema defines a service or action; expected a message"):
         DecoderFactory().decoder_for("cdr", schema)
 
 

@@ -81,8 +81,8 @@ async def test_message_of_lyrical_definition_is_dropped_and_logged(
     await until(lambda: bool(warnings_of_bob()))  # as soon as the name of the node is known
     (warning,) = warnings_of_bob()
     assert warning == (
-        f"{start}Event differ: {type_hash(LyricalEvent)} and {type_hash(Event)}. The definition of node /alice is that "
-        'of ROS 2 lyrical: set ROS_DISTRO=lyrical, or pass distro="lyrical" to get_message'
+        f"{start}Event differ: {type_hash(LyricalEvent)} and {type_hash(Event)}. The definition of node /alice belongs "
+        'to ROS 2 lyrical: set ROS_DISTRO=lyrical, or pass distro="lyrical" to get_message'
     )
 
 
@@ -119,7 +119,7 @@ async def test_warning_for_type_containing_a_changed_type_names_its_distribution
     publisher.publish(theirs(all=[HumbleRange(range=1.0), HumbleRange(range=2.0)], number=7))
     with pytest.raises(WaitTimeoutError, match=r"node /alice has another definition of .*; dropped 1 message"):
         await subscription.receive(0.1)
-    await until(lambda: f"The definition of node /alice is that of ROS 2 humble: {HUMBLE_ADVICE}" in caplog.text)
+    await until(lambda: f"The definition of node /alice belongs to ROS 2 humble: {HUMBLE_ADVICE}" in caplog.text)
 
 
 @pytest.mark.parametrize(("mode", "is_received"), [("error", False), ("warn", False), ("off", True)])
@@ -151,7 +151,7 @@ async def test_warning_between_nodes_of_one_context_states_that_messages_are_dro
     publisher.publish(Range())
     await until(lambda: "no messages on /t from node /node to node /node" in caplog.text)
     assert (subscription.take(), subscription.incompatible_dropped) == (None, 1)
-    assert "The definition of node /node is that of ROS 2" in caplog.text
+    assert "The definition of node /node belongs to ROS 2" in caplog.text
 
 
 @pytest.mark.every_transport
@@ -211,7 +211,7 @@ async def test_definition_of_writer_without_hash_is_detected_by_sample_size(
     assert (record.name, record.levelname) == ("bob", "WARNING")
     assert record.message == (
         "messages on /range from node /alice are dropped: it announces no type hash, and its messages do not fit the "
-        f"definition of sensor_msgs/msg/Range in use here, but that of humble; {HUMBLE_ADVICE}"
+        f"definition of sensor_msgs/msg/Range in use here, but the definition of humble; {HUMBLE_ADVICE}"
     )
 
 
@@ -353,7 +353,7 @@ async def test_client_does_not_call_server_of_another_definition(
     with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
         await client.call(ours.Request(), 0.3)
     assert requests == []
-    advice = 'that of ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
+    advice = 'belongs to ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
     await until(lambda: advice in caplog.text)
 
 

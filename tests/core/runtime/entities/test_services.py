@@ -12,9 +12,11 @@ from std_srvs.srv import Empty, SetBool
 from support.waiting import until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, TransportError, WaitTimeoutError
+from rosidl_py_gen.runtime.entities import services
 from rosidl_py_gen.runtime.entities.services import AlreadyRespondedError, ServiceRequest
 from rosidl_py_gen.runtime.transport.dds.services import add_request_header
+from rosidl_py_gen.runtime.transport.flow_control import TimeoutTable
 
 if TYPE_CHECKING:
     from support.worlds import World
@@ -103,6 +105,33 @@ async def test_delayed_replies_are_sent_when_their_server_closes(memory: World, 
     (await anext(server)).respond(AddTwoInts.Response(sum=7))
     server.close()
     assert (await call).sum == 7
+
+
+async def test_call_that_cannot_be_sent_leaves_no_timeout(memory: World, monkeypatch: Any) -> None:
+    alice, bob = memory.pair()
+    alice.create_service(AddTwoInts, "add", add)
+    client = bob.create_client(AddTwoInts, "add")
+    await client.wait_for_service(timeout_s=5)
+
+    def refuse(*_: object) -> None:
+        raise TransportError("no memory")
+
+    timeouts: list[float] = []
+
+    class RecordingTable(TimeoutTable[Any]):
+        def add(self, operation: Any, timeout_s: float) -> None:
+            timeouts.append(timeout_s)
+            super().add(operation, timeout_s)
+
+    monkeypatch.setattr(services, "TimeoutTable", RecordingTable)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(client._transport_client, "send", refuse)
+        with pytest.raises(TransportError, match="no memory"):
+            await client.call(Request(), timeout_s=60)
+    assert timeouts == [] and client.in_flight_count == 0
+    assert (await client.call(Request(a=1, b=2), timeout_s=60)).sum == 3
+    assert timeouts == [60]
 
 
 async def test_a_call_without_server_times_out(world: World) -> None:

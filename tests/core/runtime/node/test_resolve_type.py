@@ -221,7 +221,7 @@ async def test_type_without_hash_uses_local_definition_with_warning_unless_humbl
     fresh().announce(robot, "rt/unknown", announced="")
     asker = world.node("asker")
     assert await asker.resolve_type("known", timeout_s=5) is get_message("std_msgs/msg/Bool")
-    warning = "announce no hash for std_msgs/msg/Bool, as those of ROS 2 Humble do"
+    warning = "announce no hash for std_msgs/msg/Bool, as nodes of ROS 2 Humble do"
     assert any(warning in one.message for one in caplog.records if one.levelname == "WARNING") is (distro == "jazzy")
     with pytest.raises(TypeNotFoundError, match=r"there is no local definition; install its package.*--path"):
         await asker.resolve_type("unknown", timeout_s=5)
