@@ -92,7 +92,7 @@ for file in interfaces_dir().glob("*/*/*.*"):
     if file.parent.name in get:
         name = f"{file.parent.parent.name}/{file.parent.name}/{file.stem}"
         cls = get[file.parent.name](name)
-        assert type_name(cls) == name, name
+        assert cls._TYPE.name == name, name
         print(cls.__module__.rpartition(".")[0])
 assert "jinja2" not in sys.modules and "rosidl_py_gen.compiler.frontend" not in sys.modules
 """

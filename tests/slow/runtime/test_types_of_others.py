@@ -27,7 +27,7 @@ Note = compile_definition("robot_only_msgs/msg/Note", NOTE)
 Ask = compile_definition("robot_only_msgs/srv/Ask", "Part part\\nint32 times 2\\n---\\nstring[] words\\n" + Part)
 WALK = "float32 metres 1.5\\n---\\nPart part\\n---\\nint32 steps\\n" + Part
 Walk = compile_definition("robot_only_msgs/action/Walk", WALK)
-PartClass = type_fields(Note)[1].cls
+PartClass = Note._TYPE.fields[1].cls
 
 async def walk(goal):
     goal.publish_feedback(Walk.Feedback(steps=7))

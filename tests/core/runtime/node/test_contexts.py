@@ -99,7 +99,7 @@ client = node.create_client("example_interfaces/srv/AddTwoInts", "add")
 actions = node.create_action_client("example_interfaces/action/Fibonacci", "count")
 is_held, is_over = threading.Event(), threading.Event()
 def change():
-    with participant_of(node).endpoint_index.change_lock:
+    with node._scope.participant.endpoint_index.change_lock:
         is_held.set()
         is_over.wait()
 thread = threading.Thread(target=change)
