@@ -29,7 +29,7 @@ import numpy as np
 from rosidl_py_gen import Message, to_dict, type_name
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import RosName, split_ros_name
-from rosidl_py_gen.compiler.frontend.definition_text import full_text
+from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate, load
 
@@ -294,7 +294,7 @@ def _pyterfaces(backend: str, message: Message, payload: bytes) -> Pair | None:
 
 def _text(name: RosName) -> str:
     library, _ = load(scan_search_path(), [str(name)])
-    return full_text(library, name)
+    return DefinitionText(library, name).full
 
 
 def _lists(value: Any) -> Any:

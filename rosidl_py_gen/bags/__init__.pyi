@@ -13,22 +13,17 @@ from rosidl_py_gen.bags.writer import SqliteWriter as SqliteWriter
 
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
-from rosidl_py_gen.bags.common import partial_path as partial_path
-from rosidl_py_gen.bags.common import written_durably as written_durably
+from rosidl_py_gen.bags.common import DurableFile as DurableFile
 from rosidl_py_gen.bags.definition_lookup import described as described
-from rosidl_py_gen.bags.definition_lookup import has_definition as has_definition
 from rosidl_py_gen.bags.definition_lookup import mismatch_reason as mismatch_reason
 from rosidl_py_gen.bags.metadata import qos_profiles as qos_profiles
 from rosidl_py_gen.bags.metadata import qos_text as qos_text
-from rosidl_py_gen.bags.reader import find_all_channels as find_all_channels
 from rosidl_py_gen.bags.remote import has_colons_in_names as has_colons_in_names
 from rosidl_py_gen.bags.remote import is_url as is_url
 from rosidl_py_gen.bags.remote import unreachable_as_error as unreachable_as_error
 from rosidl_py_gen.bags.rewriting import BagCopy as BagCopy
-from rosidl_py_gen.bags.rewriting import has_attachments as has_attachments
-from rosidl_py_gen.bags.rewriting import omission_lines as omission_lines
-from rosidl_py_gen.bags.rewriting import reindex_file as reindex_file
-from rosidl_py_gen.bags.rewriting import reindex_folder as reindex_folder
+from rosidl_py_gen.bags.rewriting import SourceBag as SourceBag
+from rosidl_py_gen.bags.rewriting import reindex as reindex
 from rosidl_py_gen.bags.storage.storage_api import BagChannel as BagChannel
 from rosidl_py_gen.bags.storage.storage_api import MessageBlock as MessageBlock
 from rosidl_py_gen.bags.storage.storage_api import RawTuple as RawTuple

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import GenericAlias
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen.errors import RosidlError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
     from typing import Generic
 
@@ -105,27 +104,29 @@ def require_printable(topic: str) -> None:
         raise BagError(f"topic {printable(topic)[:200]!r}: expected a name without control characters")
 
 
-def partial_path(target: Path) -> Path:
-    """Return the temporary path at which `written_durably` writes a file before it replaces `target`."""
-    return target.with_name(f".{target.name}")
-
-
-@contextmanager
-def written_durably(target: Path) -> Iterator[Path]:
-    """Yield a temporary path for a new file, which replaces `target` after the ``with`` block.
+class DurableFile:
+    """File that is written at the temporary path `partial`, and replaces `target` after a ``with`` block.
 
     If the block raises an exception, the temporary file is removed and `target` is unchanged. After a power cut
     `target` is the old or the new file, never an incomplete file.
     """
-    partial = partial_path(target)
-    try:
-        yield partial
-        sync_file(partial)
-        partial.replace(target)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
-    sync_folder(target.parent)
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+        self.partial = target.with_name(f".{target.name}")
+
+    def __enter__(self) -> Path:
+        return self.partial
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                sync_file(self.partial)
+                self.partial.replace(self.target)
+        finally:
+            self.partial.unlink(missing_ok=True)  # if it has not become the target
+        if kind is None:
+            sync_folder(self.target.parent)
 
 
 def sync_file(file: Path) -> None:

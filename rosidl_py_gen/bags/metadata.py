@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
-from rosidl_py_gen.bags.common import BagError, BagTopic, written_durably
+from rosidl_py_gen.bags.common import BagError, BagTopic, DurableFile
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, compose_yaml, load_yaml
 from rosidl_py_gen.runtime import QoSProfile
@@ -242,7 +242,7 @@ def write_metadata(folder: Path, text: str) -> None:
     """Write ``metadata.yaml`` into a bag folder; if writing fails, as on a full disk, an existing file
     stays unchanged.
     """
-    with written_durably(folder / FILE) as partial:
+    with DurableFile(folder / FILE) as partial:
         partial.write_text(text, encoding="utf-8")
 
 

@@ -62,8 +62,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.bags.definition_lookup import Typestore
-    from rosidl_py_gen.bags.metadata import BagMetadata
-    from rosidl_py_gen.bags.storage.storage_api import Storage
     from rosidl_py_gen.type_loading import SearchFolders
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -563,44 +561,6 @@ class BagReader:
             else "messages"
         )
         return f"<BagReader {str(self.path)!r}: {messages} of {pluralize(len(self.topics), 'topic')}>"
-
-
-# Functions for copies and repairs, which keep every record of a bag; users of a reader see its topics and messages.
-
-
-def stored_files(reader: BagReader) -> Sequence[Storage]:
-    """Return the readers of the files of an open bag."""
-    return reader._files
-
-
-def stored_channels(reader: BagReader) -> Sequence[BagTopic]:
-    """Return the channels of an open bag as its files store them, with one entry for each channel of each file."""
-    return reader._stored_channels
-
-
-def stated_metadata(reader: BagReader) -> BagMetadata | None:
-    """Return the contents of ``metadata.yaml``, or of the record that rosbag2 writes into a file; None without them."""
-    return reader._metadata
-
-
-def set_stated_metadata(reader: BagReader, metadata: BagMetadata | None) -> None:
-    """Replace the metadata of an open bag that `stated_metadata` returns."""
-    reader._metadata = metadata
-
-
-def messages_as_stored(reader: BagReader) -> Iterator[RawMessage]:
-    """Yield all messages of a bag of one file without decompressing messages that rosbag2 compressed one by one."""
-    (file,) = reader._files
-    return as_raw_messages(file.stored_messages())
-
-
-def find_all_channels(reader: BagReader) -> None:
-    """Read those parts of the files of an open bag that no index describes, and update the topics by the channels found
-    there.
-    """
-    for file in reader._files:
-        file.unused_schemas()
-    reader._stored_channels, reader.channels, reader.topics, reader.start_ns, reader.end_ns = reader._contents()
 
 
 def _may_skip(on_error: str) -> bool:

@@ -32,22 +32,15 @@ from rosidl_py_gen.bags.metadata import (
     recorder_data,
     write_metadata,
 )
-from rosidl_py_gen.bags.reader import (
-    BagReader,
-    find_all_channels,
-    messages_as_stored,
-    set_stated_metadata,
-    stated_metadata,
-    stored_channels,
-    stored_files,
-)
+from rosidl_py_gen.bags.reader import BagReader
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.storage.sqlite_file import JOURNALS, SqliteFile
-from rosidl_py_gen.bags.storage.storage_api import ReadingProgress, topics_by_name
+from rosidl_py_gen.bags.storage.storage_api import ReadingProgress, as_raw_messages, topics_by_name
 from rosidl_py_gen.bags.writer import BagWriter, compress_file
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rosidl_py_gen.bags.common import BagTopic, DamagedPart, RawMessage
@@ -55,6 +48,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.mcap_records import StoredMetadata
     from rosidl_py_gen.bags.storage.storage_api import Storage
     from rosidl_py_gen.bags.writer import SqliteWriter
+    from rosidl_py_gen.type_loading import SearchFolders
 
 ROSBAG2 = "rosbag2"
 """Name of the MCAP metadata record that rosbag2 writes into each file."""
@@ -102,9 +96,52 @@ _REASONS = {
 _IN_SQLITE = "SQLite bags have no place for them; convert to MCAP to keep them"
 
 
-def has_attachments(reader: BagReader) -> bool:
-    """Return True if a bag has attachments that are not damaged."""
-    return any(True for file in stored_files(reader) for _ in file.attachments())
+class SourceBag(BagReader):
+    """Open bag that is copied or repaired: every record is read, also those that no index describes."""
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        search_path: SearchFolders = (),
+        on_progress: Callable[[int, int], object] | None = None,
+    ) -> None:
+        super().__init__(path, search_path=search_path, skip_damaged=True, on_progress=on_progress)
+        try:
+            for file in self._files:
+                file.unused_schemas()  # reads the parts of the file that no index describes
+            self._stored_channels, self.channels, self.topics, self.start_ns, self.end_ns = self._contents()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def metadata(self) -> BagMetadata | None:
+        """Contents of ``metadata.yaml``, or of the record that rosbag2 writes into a file; None without them."""
+        return self._metadata
+
+    @metadata.setter
+    def metadata(self, metadata: BagMetadata | None) -> None:
+        self._metadata = metadata
+
+    @property
+    def stored_files(self) -> Sequence[Storage]:
+        """Readers of the files of the bag."""
+        return self._files
+
+    @property
+    def stored_channels(self) -> Sequence[BagTopic]:
+        """Channels as the files store them, with one entry for each channel of each file."""
+        return self._stored_channels
+
+    def has_attachments(self) -> bool:
+        """Return True if the bag has attachments that are not damaged."""
+        return any(True for file in self._files for _ in file.attachments())
+
+    def messages_as_stored(self) -> Iterator[RawMessage]:
+        """Yield all messages of a bag of one file without decompressing messages that rosbag2 compressed one by one."""
+        (file,) = self._files
+        return as_raw_messages(file.stored_messages())
 
 
 class BagCopy:
@@ -117,7 +154,7 @@ class BagCopy:
         omitted: number of things that are not in the copy, by kind. Complete after `end`.
     """
 
-    def __init__(self, readers: Sequence[BagReader], writer: BagWriter | SqliteWriter) -> None:
+    def __init__(self, readers: Sequence[SourceBag], writer: BagWriter | SqliteWriter) -> None:
         self._readers, self._writer = readers, writer
         self.recording = RecordingData.of_bags(readers)
         self.omitted: Counter[str] = Counter()
@@ -133,7 +170,7 @@ class BagCopy:
             For each bag, the channels of the copy by the `channel_key` of the original.
         """
         writer = self._writer
-        files = [file for reader in self._readers for file in stored_files(reader)]
+        files = [file for reader in self._readers for file in reader.stored_files]
         self._pass_on_metadata()
         for record in (record for file in files for record in file.metadata_records()):
             if record.name != ROSBAG2:
@@ -156,7 +193,7 @@ class BagCopy:
     def end(self) -> None:
         """Copy attachments to the new bag, and complete the counts in `omitted`."""
         writer = self._writer
-        for file in (file for reader in self._readers for file in stored_files(reader)):
+        for file in (file for reader in self._readers for file in reader.stored_files):
             for attachment in file.attachments():
                 if isinstance(writer, BagWriter):
                     writer._copy_attachment(attachment)
@@ -169,6 +206,10 @@ class BagCopy:
             self.omitted["unknown_tables"] += file.unknown_tables()
         self.omitted = +(self.omitted + writer._omitted)
 
+    def omission_lines(self) -> list[str]:
+        """Return lines of text for the user, one for each reason, about what the copy does not contain."""
+        return _omission_lines(self.omitted)
+
     def _pass_on_metadata(self) -> None:
         """Pass the recorder's profile and distribution, and the user's custom data, from the old bags to the writer of
         the new bag.
@@ -176,7 +217,7 @@ class BagCopy:
         recording = self.recording
         self.omitted += recording.omitted
         for reader in self._readers:
-            metadata = stated_metadata(reader)
+            metadata = reader.metadata
             if metadata is not None and reader.path.is_dir():
                 self.omitted["listed_topics"] += len(listed_topics(metadata) - reader.topics.keys())
         profiles = recording.profiles
@@ -216,12 +257,12 @@ class BagCopy:
         return [{key: merged[target.key] for key, target in each.items()} for each in targets]
 
 
-def _targets(reader: BagReader, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
+def _targets(reader: SourceBag, channels: Mapping[tuple[str, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
     targets = {}
-    for channel in stored_channels(reader):
+    for channel in reader.stored_channels:
         known = channels.get(channel.key)
         if known is not None:
-            targets[channel.channel_key] = with_listed_values(stated_metadata(reader), _with_definition(channel, known))
+            targets[channel.channel_key] = with_listed_values(reader.metadata, _with_definition(channel, known))
     return targets
 
 
@@ -269,13 +310,13 @@ class RecordingData:
         self.omitted: Counter[str] = Counter()
 
     @classmethod
-    def of_bags(cls, readers: Iterable[BagReader]) -> RecordingData:
+    def of_bags(cls, readers: Iterable[SourceBag]) -> RecordingData:
         """Return the data about the recordings of bags, from all their files; later bags override earlier ones."""
         recording = cls()
         for reader in readers:
-            for file in stored_files(reader):
+            for file in reader.stored_files:
                 recording.add_file(file)
-            recording.add_metadata(stated_metadata(reader))
+            recording.add_metadata(reader.metadata)
         return recording
 
     def add_file(self, file: Storage) -> None:
@@ -356,8 +397,7 @@ def _with_definition(channel: BagTopic, known: BagTopic) -> BagTopic:
     )
 
 
-def omission_lines(omitted: Mapping[str, int]) -> list[str]:
-    """Return lines of text for the user, one for each reason, about what the copy of a bag does not contain."""
+def _omission_lines(omitted: Mapping[str, int]) -> list[str]:
     lines = []
     groups: dict[str, list[str]] = {}
     for kind in _KINDS:
@@ -421,32 +461,32 @@ class Reindexed(NamedTuple):
     unread_bytes: int
     omitted: Counter[str]
 
+    def omission_lines(self) -> list[str]:
+        """Return lines of text for the user, one for each reason, about what the repaired files do not contain."""
+        return _omission_lines(self.omitted)
+
 
 OnProgress: TypeAlias = "Callable[[int, int], object]"
 """Callback for the progress of a repair, which receives the number of bytes read so far and the number of all bytes."""
 _MESSAGES_PER_REPORT = 64
 
 
-def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
+def _open(file: Path, progress: ReadingProgress, size: int) -> SourceBag:
     """Open a bag file for repair and read all of its channels.
 
     A file without index is read twice, so opening reports the first half of the progress.
     """
-    reader = BagReader(
-        file, skip_damaged=True, on_progress=lambda done, total: progress.show(size * done // (2 * max(1, total)))
-    )
-    find_all_channels(reader)
-    return reader
+    return SourceBag(file, on_progress=lambda done, total: progress.show(size * done // (2 * max(1, total))))
 
 
-def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
+def _messages(reader: SourceBag, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
     """Yield all messages of an open bag file as they are stored, and report progress in bytes up to `end` to the
     callback.
     """
-    return _with_progress(messages_as_stored(reader), reader, progress, end)
+    return _with_progress(reader.messages_as_stored(), reader, progress, end)
 
 
-def _with_progress(messages: Iterable[T], reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[T]:
+def _with_progress(messages: Iterable[T], reader: SourceBag, progress: ReadingProgress, end: int) -> Iterator[T]:
     start, total = None, max(1, sum(channel.count or 0 for channel in reader.channels))
     for count, message in enumerate(messages):
         if start is None:  # before the first message, ranges outside of the index are read, which is progress too
@@ -474,7 +514,7 @@ class _Repairs:
         self._resources.close()
 
     def add(
-        self, file: Path, reader: BagReader, messages: Callable[[], Iterator[RawMessage]], counted: FileStatistics
+        self, file: Path, reader: SourceBag, messages: Callable[[], Iterator[RawMessage]], counted: FileStatistics
     ) -> None:
         """Write the repaired form of a bag file next to it, and count its messages in `counted`.
 
@@ -490,7 +530,7 @@ class _Repairs:
         for path in (plain, partial):
             self._resources.callback(path.unlink, missing_ok=True)
             path.unlink(missing_ok=True)  # of a run that was killed
-        (storage,) = stored_files(reader)
+        (storage,) = reader.stored_files
         if file.suffix == ".db3":  # a compressed file has no journal
             with closing(SqliteFile(file)) as database:
                 database.copy_to(plain)
@@ -565,13 +605,13 @@ class _Survey:
         self.unindexed: list[str] = []
         self.unread_bytes = 0
 
-    def add(self, reader: BagReader, file: Path, size: int, needs_repair: bool) -> bool:
+    def add(self, reader: SourceBag, file: Path, size: int, needs_repair: bool) -> bool:
         """Read all of a bag file and count its messages; return True if the file was repaired."""
         if needs_repair:
             self._write(reader, file, size)
         else:
             counted = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
-            (storage,) = stored_files(reader)
+            (storage,) = reader.stored_files
             stored = _with_progress(storage.stored_messages(), reader, self._progress, size)
             for channel, _, log_time, _, _ in stored:  # all: some may be damaged
                 counted.add(channel.topic, log_time)
@@ -592,7 +632,7 @@ class _Survey:
         self._progress.end_file(size)
         return needs_repair
 
-    def _write(self, reader: BagReader, file: Path, size: int) -> None:
+    def _write(self, reader: SourceBag, file: Path, size: int) -> None:
         counted = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
         self._repairs.add(file, reader, lambda: _messages(reader, self._progress, size), counted)
         self.statistics.append(counted)
@@ -603,21 +643,25 @@ class _Survey:
         return sum(file.total for file in self.statistics)
 
 
-def _needs_repair(reader: BagReader) -> bool:
-    return not reader.has_index or any(file.has_journal for file in stored_files(reader))
+def _needs_repair(reader: SourceBag) -> bool:
+    return not reader.has_index or any(file.has_journal for file in reader.stored_files)
 
 
-def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reindexed:
-    """Write ``metadata.yaml`` for the bag files in a folder, in the order of the numbers in their names.
+def reindex(path: Path, on_progress: OnProgress | None = None) -> Reindexed:
+    """Repair a bag folder or a bag file.
 
     Files without an index, with damaged parts or with a journal are rewritten; the old file gets the ending
-    ``.unindexed``.
+    ``.unindexed``. A folder gets a ``metadata.yaml`` for its bag files, in the order of the numbers in their names.
 
     Raises:
         BagError: the folder has no bag files, files of several storages or compressions, or one that is damaged beyond
-            reading; nothing is changed then.
+            reading; or the file needs no repair, or is damaged beyond reading. Nothing is changed then.
         OSError: a file cannot be read or written.
     """
+    return _reindex_folder(path, on_progress) if path.is_dir() else _reindex_file(path, on_progress)
+
+
+def _reindex_folder(folder: Path, on_progress: OnProgress | None) -> Reindexed:
     files = sorted(bag_files(folder), key=_file_number)
     storage = _single_kind(folder, {_STORAGES[Path(file.name.removesuffix(SUFFIX)).suffix] for file in files})
     kinds = {file: kind for file in files if (kind := compression_of(file)) is not None}
@@ -634,9 +678,9 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
         for file in files:
             size = file.stat().st_size
             with _open(file, progress, size) as reader:
-                set_stated_metadata(reader, previous)  # what the file itself does not state
+                reader.metadata = previous  # what the file itself does not state
                 survey.add(reader, file, size, _needs_repair(reader))
-                recording.add_file(*stored_files(reader))
+                recording.add_file(*reader.stored_files)
         recording.add_metadata(previous)
         topics = topics_by_name(with_listed_values(previous, channel) for channel in survey.channels)
         if previous is not None:
@@ -664,13 +708,7 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
     )
 
 
-def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed:
-    """Rewrite a bag file that has no index, damaged parts or a journal; rename the old one to ``FILE.unindexed``.
-
-    Raises:
-        BagError: the file needs no repair, or is damaged beyond reading.
-        OSError: a file cannot be read or written.
-    """
+def _reindex_file(file: Path, on_progress: OnProgress | None) -> Reindexed:
     size = file.stat().st_size if file.exists() else 0
     progress = ReadingProgress(on_progress)
     progress.total = size
@@ -714,7 +752,7 @@ def _previous_metadata(folder: Path) -> tuple[BagMetadata | None, Counter[str]]:
         return None, Counter(unreadable_metadata=1 if has_custom_data else 0)
 
 
-def _with_hash(reader: BagReader, channel: BagTopic) -> BagTopic:
+def _with_hash(reader: SourceBag, channel: BagTopic) -> BagTopic:
     if channel.type_hash or not has_definition(channel):
         return channel
     try:

@@ -15,15 +15,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rosidl_py_gen import __version__, encode, type_hash, type_name
+from rosidl_py_gen import __version__, type_hash, type_name
 from rosidl_py_gen.bags.common import (
     OFFERED_QOS,
     TYPE_HASH,
     BagError,
     BagTopic,
+    DurableFile,
     checked_time,
     require_printable,
-    written_durably,
 )
 from rosidl_py_gen.bags.definition_lookup import definition_of, same_definition
 from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, qos_text, write_metadata
@@ -33,7 +33,6 @@ from rosidl_py_gen.bags.storage.mcap_records import COMPRESSIONS
 from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
 from rosidl_py_gen.bags.storage.zstd import ZstdCompressor
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
     import os
@@ -58,7 +57,7 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
     At any moment one of the two files is complete, also after a power cut or on a full disk; readers open that one.
     """
     target = source.with_name(source.name + SUFFIX)
-    with written_durably(target) as partial, source.open("rb") as plain, partial.open("wb") as compressed:
+    with DurableFile(target) as partial, source.open("rb") as plain, partial.open("wb") as compressed:
         size = source.stat().st_size
         (zstd or ZstdCompressor(_ZSTD_LEVEL)).copy_stream(plain, compressed, size=size, read_size=_BLOCK_BYTES)
     source.unlink()
@@ -391,23 +390,19 @@ class BagWriter(SplittingWriter):
             EncodeError: a value is out of range; names the topic, the time and the field.
             OSError: the disk is full.
         """
-        from rosidl_py_gen.tables import located, messages_of, stream_of, topic_of_schema
+        from rosidl_py_gen.tables import MessageTable
 
         self._require_open()
-        stream = stream_of(table)
+        rows = MessageTable(table)
         if msg_type is None:
-            known, msg_type = topic_of_schema(stream.schema, topic)
+            known, msg_type = rows.topic_and_class(topic)
         elif topic is None:
             raise BagError("name the topic that messages of this type are written to")
         else:
             known = topic_of(topic, msg_type)
         self.add_topic(known.name, known if known.definition else topic_of(known.name, msg_type))
         count = 0
-        for message, log_time, publish_time in messages_of(stream, msg_type, known.name):
-            try:
-                data = encode(message)
-            except EncodeError as error:
-                raise located(error, known.name, log_time) from None
+        for data, log_time, publish_time in rows.encoded(msg_type, known.name):
             self._write(known.name, data, log_time, publish_time)
             count += 1
         return count

@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime import Context
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ DEFAULT_FIND_TIMEOUT_S = 5.0
 """Default time to wait for a topic, service, action or node that the command line names, in seconds."""
 
 
+_SEND_GOAL, _SEND_GOAL_TYPE = "/_action/send_goal", "_SendGoal"
+_LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
+"""Name after the node's name, and type, of a service by which nodes with parameters are found."""
 _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
     "enable_rosout": False,
     "start_services": False,
@@ -231,20 +235,75 @@ class CommandNode:
         """
         from rosidl_py_gen.base.names import similar_name
         from rosidl_py_gen.command_support import terminal_output
-        from rosidl_py_gen.command_support.graph_lookup import full_name, graph_names
 
-        full = full_name(self.node, name, kind)
+        full = self.full_name(name, kind)
         text = f"topic {name} does not appear to be published yet; waiting for it"
         note = terminal_output.note if kind == "topic" else lambda text: None
         waiting = asyncio.get_running_loop().call_later(_WAITING_NOTE_DELAY_S, note, text)
         try:
-            if await self.wait_for(lambda: full in graph_names(self.node, kind), timeout_s):
+            if await self.wait_for(lambda: full in self.names(kind), timeout_s):
                 return full
         finally:
             waiting.cancel()
-        names = [name for name in graph_names(self.node, kind) if "/_" not in name]  # without the names of this command
+        names = [name for name in self.names(kind) if "/_" not in name]  # without the names of this command
         hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
         raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS}")
+
+    # ----------------------------------------------------------------------------------------------------------- graph
+
+    def full_name(self, name: str, kind: str = "topic") -> str:
+        """Return the full name of a topic, service, action or node, which need not exist. Raises `InvalidNameError`."""
+        resolve = self.node.resolve_topic_name if kind == "topic" else self.node.resolve_service_name
+        return resolve(name if name.startswith("/") else f"/{name}")
+
+    def names(self, kind: str) -> list[str]:
+        """Return the names of the topics, services, actions or nodes (`kind`) in the graph."""
+        match kind:
+            case "topic":
+                return [name for name, _ in self.node.get_topic_names_and_types()]
+            case "service":
+                return [name for name, _ in self.node.get_service_names_and_types()]
+            case "action":  # both its topics and its services
+                from rosidl_py_gen.command_support.graph_lookup import actions
+
+                services = dict(self.node.get_service_names_and_types())
+                known = actions(self.node.get_topic_names_and_types())
+                return [name for name, _ in known if name + _SEND_GOAL in services]
+        return self.node.get_node_names()
+
+    def announced_types(self, kind: str, name: str) -> list[str]:
+        """Return the types that nodes announce for a topic, service or action (`kind`)."""
+        if kind == "topic":
+            return dict(self.node.get_topic_names_and_types()).get(name, [])
+        services = dict(self.node.get_service_names_and_types())
+        if kind == "service":
+            return services.get(name, [])
+        return [one.removesuffix(_SEND_GOAL_TYPE) for one in services.get(name + _SEND_GOAL, [])]
+
+    def has_server(self, service: str) -> bool:
+        """Return True if a service has a server; False for names that ROS does not allow, but DDS programs may use."""
+        from rosidl_py_gen.runtime import validate_full_name
+
+        try:
+            validate_full_name(service)
+        except InvalidNameError:
+            return False
+        return self.node.count_services(service) > 0
+
+    def nodes_serving(self, ending: str, type_name: str, *, hidden: bool) -> list[str]:
+        """Return the sorted full names of nodes that serve the service ``NODE`` + `ending` of type `type_name`."""
+        from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
+
+        names = [
+            name.removesuffix(ending)
+            for name, types in self.node.get_service_names_and_types()
+            if name.endswith(ending) and type_name in types and self.has_server(name)
+        ]
+        return [name for name in names if hidden or not is_hidden_node(name)]
+
+    def nodes_with_parameters(self, *, hidden: bool) -> list[str]:
+        """Return the sorted full names of nodes whose parameters other nodes can request."""
+        return self.nodes_serving(*_LIST_PARAMETERS, hidden=hidden)
 
 
 _NO_PEERS = "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-py doctor` to see other participants"

@@ -18,7 +18,7 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS, selected
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import (
     GENERATED_HEADER,
@@ -171,8 +171,19 @@ def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list
     """
     registry, names = _read(search, wanted)
     if registry.diagnostics.items:
-        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), notes_of(search, names))
+        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), search.notes(names))
     return registry, names
+
+
+def load_distribution(distro: str) -> tuple[InterfaceRegistry, list[RosName]]:
+    """Return the checked bundled definitions of a distribution, and the names of the distribution's interfaces.
+
+    Raises:
+        UnknownDistributionError: the definitions of `distro` are not bundled.
+    """
+    distro = selected(distro).name
+    registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
+    return registry, [name for name in names if not is_absent(name, distro)]
 
 
 def _read(
@@ -193,14 +204,6 @@ def _read(
     names = drop_unused_invalid_files(registry, names, wanted)
     _check_modules(registry, names)
     return registry, names
-
-
-def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
-    """Return notes for the user on assumptions that were made about the CMakeLists.txt of the packages of these
-    interfaces.
-    """
-    listings = (search.packages[package].listing for package in sorted({name.package for name in names}))
-    return [note for listing in listings if listing for note in listing.notes]
 
 
 def _check_modules(registry: InterfaceRegistry, names: list[RosName]) -> None:
@@ -249,7 +252,7 @@ def generate(
     """
     registry, every = _read(search, wanted, _already_generated(search, folder))
     names, skipped = split_valid(registry, every)
-    notes = notes_of(search, every)
+    notes = search.notes(every)
     problems = sorted_diagnostics([*registry.diagnostics.items, *(skipped if keep_going else ())])
     if problems and not (keep_going and names):
         raise DefinitionError(problems, notes, partial=bool(names))
@@ -328,8 +331,8 @@ def _distribution_table() -> str:
     """Return the source of a module with the hashes of types that differ between distributions."""
     hashes: dict[str, dict[str, list[str]]] = {}
     for distro in DISTRIBUTIONS:
-        registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
-        for top in (name for name in names if not is_absent(name, distro)):
+        registry, names = load_distribution(distro)
+        for top in names:
             for name in registry.closure(str(top)):
                 if name == str(top) or name.startswith(f"{top}_"):
                     hashes.setdefault(name, {}).setdefault(registry.type_hash(name), []).append(distro)

@@ -18,13 +18,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
-from rosidl_py_gen.command_support.graph_lookup import (
-    LIST_PARAMETERS,
-    has_server,
-    is_hidden,
-    is_hidden_node,
-    nodes_serving,
-)
+from rosidl_py_gen.command_support.graph_lookup import is_hidden, is_hidden_node
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
@@ -59,12 +53,11 @@ class ServiceBridge:
 
     def refresh(self) -> None:
         """Advertise new services of the graph to viewers, and withdraw services that have disappeared."""
-        node = self._command_node.node
         self._tasks.update(
             {
                 (name, kinds[0])
-                for name, kinds in node.get_service_names_and_types()
-                if (self._hidden or not is_hidden(name)) and has_server(node, name)
+                for name, kinds in self._command_node.node.get_service_names_and_types()
+                if (self._hidden or not is_hidden(name)) and self._command_node.has_server(name)
             }
         )
 
@@ -156,7 +149,7 @@ class ParameterBridge:
         """
         if self._listening is None:
             return
-        current = set(nodes_serving(self._node, *LIST_PARAMETERS, hidden=True))
+        current = set(self._command_node.nodes_with_parameters(hidden=True))
         self._values = {node: values for node, values in self._values.items() if node in current}
         self._queries.update([node for node in current if not is_hidden_node(node)])
 

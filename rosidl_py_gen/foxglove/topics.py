@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen import Message, compile_definition, encode, get_message, type_hash
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
-from rosidl_py_gen.command_support.graph_lookup import full_name, is_hidden
+from rosidl_py_gen.command_support.graph_lookup import is_hidden
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.foxglove import limits
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
@@ -220,7 +220,7 @@ class ClientPublishing:
     async def _serve(self, key: _ClientKey) -> None:
         client, offer = self._publishers[key], key[1]
         try:
-            topic = full_name(self._command_node.node, offer.topic)
+            topic = self._command_node.full_name(offer.topic)
             cls = await self._class(topic, offer)
             client.decoder = Decoder(cls, offer.encoding)
             client.publisher = self._command_node.node.create_publisher(cls, topic, BEST_AVAILABLE)

@@ -36,6 +36,7 @@ from rosidl_py_gen.generator_cli.command_line import (
     print_notes,
     print_problems,
     rows,
+    split_filter,
     usage_error_text,
 )
 
@@ -215,16 +216,13 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> None:
     """Install or uninstall (`action`) message packages in this Python environment, and print their names."""
-    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.wheels import environment
-    from rosidl_py_gen.wheels.build import with_bundled
 
     wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
     if action == "uninstall":
         changed = environment.uninstall(wanted, force=force)
     else:
-        search = with_bundled(_search(paths), wanted)
-        changed = environment.install(search, wanted or [*search.packages], force=force)
+        changed = environment.install(_search(paths), wanted, force=force)
     if not as_json:
         place = f"{'into' if action == 'install' else 'from'} {sys.prefix}: "
         echo(f"{action}ed {place if changed else ''}{', '.join(changed) or 'nothing'}")
@@ -253,7 +251,6 @@ def _install_library(as_json: bool) -> list[str]:
 
 
 def _generate(paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, as_json: bool) -> None:
-    from rosidl_py_gen.compiler.frontend import split_filter
     from rosidl_py_gen.compiler.generate import generate
 
     progress = _Progress()
@@ -323,8 +320,6 @@ def _print(result: GenerationResult, out: str, check: bool, as_json: bool) -> No
 
 
 def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
-    from rosidl_py_gen.compiler.frontend import split_filter
-
     search = _search(paths)
     chosen = {text.split("/")[0] for text in split_filter(selection)} or {*search.packages}
     every = [(package, True) for package in search.packages.values()] + [(package, False) for package in search.hidden]
@@ -347,7 +342,7 @@ def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
     width = max((len(package.name) for package, _ in found), default=0)
     for package, used in found:
         note = "" if used else "  (hidden by the one above)"
-        place = package.origin if package.origin == "bundled" else str(package.folder)
+        place = package.origin if package.is_bundled else str(package.folder)
         echo((package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}")
 
 
@@ -360,12 +355,11 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
 
     NAMES are packages or interfaces. [default: IDL_PACKAGE_FILTER, else all packages]
     """
-    from rosidl_py_gen.compiler.frontend import split_filter
-    from rosidl_py_gen.compiler.generate import load, notes_of
+    from rosidl_py_gen.compiler.generate import load
 
     search = _search(paths)
     _, found = load(search, [*names] or split_filter(_group_option("selection", "")))
-    notes = notes_of(search, found)
+    notes = search.notes(found)
     packages = sorted({name.package for name in found})
     if as_json or _group_option("as_json", False):
         interfaces = [str(name) for name in found]
@@ -386,13 +380,13 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
     from rosidl_py_gen.base.descriptions import build_type_description
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, full_text, read_checked, source_text
+    from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
     from rosidl_py_gen.type_loading import registry_of_generated_class
 
     top = split_ros_name(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None
     try:
-        owner = read_checked(registry, top)
+        owner = registry.read_checked(top)
     except TypeNotFoundError:
         generated = registry_of_generated_class(name)
         if generated is None:
@@ -402,12 +396,12 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     if as_json or _group_option("as_json", False):
         print_json({"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)})
         return
+    text = DefinitionText(registry, owner)
     if full:
-        echo(full_text(registry, owner).removesuffix("\n"))
+        echo(text.full.removesuffix("\n"))
         return
     echo((f"# {top}  {registry.type_hash(str(top))}", "bold"))
-    text = source_text(registry, owner) if generated is None else full_text(registry, owner)
-    echo(text.removesuffix("\n"))
+    echo((text.source if generated is None else text.full).removesuffix("\n"))
 
 
 @cli.command()
@@ -477,13 +471,9 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
     rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
     pip install dist/*.whl
     """
-    from rosidl_py_gen.wheels.build import build, selected_packages, with_bundled
+    from rosidl_py_gen.wheels.build import build
 
-    search = _search(paths)
-    selected = selected_packages(search, [*names])
-    if not names and len(selected) == len(search.packages):
-        search = with_bundled(search, selected)
-    built = build(search, selected, Path(out), dependencies=not no_dependencies)
+    built = build(_search(paths), [*names], Path(out), dependencies=not no_dependencies)
     if as_json or _group_option("as_json", False):
         print_json([{"package": one.package, "path": str(one.path), "requires": list(one.requires)} for one in built])
         return

@@ -130,6 +130,11 @@ def count(problems: Sequence[Diagnostic]) -> str:
     return pluralize(len(problems), "problem")
 
 
+def split_filter(text: str) -> list[str]:
+    """Return the names in a filter such as ``a:b;c``, which are separated by colons, semicolons or commas."""
+    return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
+
+
 def lazy_completion(
     module: str, function: str, *arguments: str
 ) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:

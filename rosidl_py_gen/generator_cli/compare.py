@@ -20,13 +20,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.frontend import (
     DERIVED_TYPES_PACKAGES,
     MessageDef,
-    messages_of,
-    nested_types,
-    sections_of,
 )
 from rosidl_py_gen.errors import RosidlError
 
@@ -86,9 +82,9 @@ def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> Definition
     for name in names:
         interface = registry.interface(name)
         assert interface is not None, name
-        interfaces[str(name)] = tuple(str(section.name) for section in sections_of(interface))
+        interfaces[str(name)] = tuple(str(section.name) for section in interface.sections)
         hashes[str(name)] = registry.type_hash(str(name))
-        pending = [str(one.name) for one in messages_of(interface)]
+        pending = [str(one.name) for one in interface.messages]
         while pending:
             one = pending.pop()
             if one not in messages:
@@ -108,9 +104,7 @@ def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> Defi
         if name in needed:
             continue
         needed[name] = None
-        interface = registry.interface(name)
-        assert interface is not None, name
-        for nested in map(split_ros_name, sorted(nested_types(interface))):
+        for nested in registry.nested_types(name):
             if name.kind == "msg" or nested.package not in DERIVED_TYPES_PACKAGES:
                 pending.append(registry.owner(nested) or nested)
     return collect(registry, needed)

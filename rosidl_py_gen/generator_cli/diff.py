@@ -19,24 +19,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
-from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.convert import to_dict
 from rosidl_py_gen.cdr.type_queries import type_description
-from rosidl_py_gen.compiler.frontend import (
-    BUNDLED,
-    InterfaceRegistry,
-    is_absent,
-    read_checked,
-    registry_from_descriptions,
-    scan_search_path,
-    split_filter,
-)
-from rosidl_py_gen.compiler.generate import load, notes_of
+from rosidl_py_gen.compiler.frontend import InterfaceRegistry, registry_from_descriptions, scan_search_path
+from rosidl_py_gen.compiler.generate import load, load_distribution
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
 from rosidl_py_gen.generator_cli import git_revision
-from rosidl_py_gen.generator_cli.command_line import echo, print_json, print_line
+from rosidl_py_gen.generator_cli.command_line import echo, print_json, print_line, split_filter
 from rosidl_py_gen.generator_cli.compare import (
     ChangeKind,
     DefinitionSet,
@@ -103,7 +94,7 @@ class LoadedDefinitions:
             if name in self.facts.interfaces:
                 continue
             try:
-                owner = read_checked(registry, split_ros_name(name))
+                owner = registry.read_checked(split_ros_name(name))
             except TypeNotFoundError:
                 continue
             found = collect(registry, [owner])
@@ -178,14 +169,12 @@ def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
     own = sorted(name for name, package in search.packages.items() if package.origin == folder)
     registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
     names = [name for name in names if name.package in own]
-    return LoadedDefinitions(collect(registry, names), search, [*map(str, notes_of(search, names))])
+    return LoadedDefinitions(collect(registry, names), search, [*map(str, search.notes(names))])
 
 
 def _from_distribution(distro: str) -> LoadedDefinitions:
-    search = scan_search_path(ament="", distro=distro)
-    registry, names = load(search, [name for name, one in search.packages.items() if one.origin == BUNDLED])
-    names = [name for name in names if not is_absent(name, selected(distro).name)]
-    return LoadedDefinitions(collect(registry, names), search)
+    registry, names = load_distribution(distro)
+    return LoadedDefinitions(collect(registry, names), registry.search)
 
 
 def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:

@@ -9,6 +9,4 @@ from rosidl_py_gen.message_filters.filters import TimeSynchronizer as TimeSynchr
 # For the other packages of rosidl_py_gen; not public.
 from rosidl_py_gen.message_filters.filters import NoNodeScope as NoNodeScope
 from rosidl_py_gen.message_filters.filters import call_all as call_all
-from rosidl_py_gen.message_filters.filters import check_filters as check_filters
 from rosidl_py_gen.message_filters.filters import header_stamp as header_stamp
-from rosidl_py_gen.message_filters.filters import slop_to_ns as slop_to_ns

@@ -192,6 +192,23 @@ class MessageFilter:
 
     # --------------------------------------------------------------------------------------------------------- chains
 
+    @staticmethod
+    def _check_inputs(name: str, *inputs: object) -> tuple[MessageFilter, ...]:
+        """Return the inputs of a filter unchanged; raises `TypeError` if one is not a filter."""
+        for source in inputs:
+            if not isinstance(source, MessageFilter):
+                raise TypeError(f"{name} must be a filter, such as Subscriber(node, type, topic), got {source!r:.100}")
+        return inputs  # type: ignore[return-value]
+
+    @staticmethod
+    def _tolerance_ns(name: str, seconds: object) -> int:
+        """Return seconds as nanoseconds; raises `TypeError` or `ValueError` unless they are finite and at least 0."""
+        if not isinstance(seconds, int | float) or isinstance(seconds, bool):
+            raise TypeError(f"{name} must be a number of seconds, got {seconds!r:.100}")
+        if not isfinite(seconds) or seconds < 0:
+            raise ValueError(f"{name} must be 0 or more seconds, got {seconds}")
+        return round(seconds * NS_PER_S)
+
     def _use_nodes(self, *nodes: Node) -> None:
         """Set the nodes that feed the filter, which closes when the first of them closes.
 
@@ -369,14 +386,6 @@ async def _await_all(coroutines: list[Coroutine[Any, Any, None]], failures: list
             raise failure
 
 
-def check_filters(name: str, *filters: object) -> tuple[MessageFilter, ...]:
-    """Return the inputs of a filter unchanged; raises `TypeError` if one is not a filter."""
-    for source in filters:
-        if not isinstance(source, MessageFilter):
-            raise TypeError(f"{name} must be a filter, such as Subscriber(node, type, topic), got {source!r:.100}")
-    return filters  # type: ignore[return-value]
-
-
 def check_queue_size(name: str, value: object) -> int:
     """Return a queue size unchanged; raises `TypeError` or `ValueError` if it is not a positive integer."""
     if not isinstance(value, int) or isinstance(value, bool):
@@ -384,15 +393,6 @@ def check_queue_size(name: str, value: object) -> int:
     if value < 1:
         raise ValueError(f"{name} must be 1 or more, got {value}")
     return value
-
-
-def slop_to_ns(name: str, seconds: object) -> int:
-    """Return a number of seconds as nanoseconds; raises `TypeError` or `ValueError` unless finite and at least 0."""
-    if not isinstance(seconds, int | float) or isinstance(seconds, bool):
-        raise TypeError(f"{name} must be a number of seconds, got {seconds!r:.100}")
-    if not isfinite(seconds) or seconds < 0:
-        raise ValueError(f"{name} must be 0 or more seconds, got {seconds}")
-    return round(seconds * NS_PER_S)
 
 
 # ------------------------------------------------------------------------------------------------------- synchronizers
@@ -431,7 +431,7 @@ class TimeSynchronizer(MessageFilter):
         clock: Clock | None = None,
     ) -> None:
         is_single = isinstance(inputs, MessageFilter) or not isinstance(inputs, Iterable)
-        filters = check_filters("each input", *([inputs] if is_single else inputs))
+        filters = self._check_inputs("each input", *([inputs] if is_single else inputs))
         if not filters:
             raise ValueError("inputs must be at least one filter, got none")
         self._setup(callback, queue_size, filters, len(filters))
@@ -500,7 +500,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         allow_headerless: bool = False,
         clock: Clock | None = None,
     ) -> None:
-        self._slop = slop_to_ns("slop_s", slop_s)
+        self._slop = self._tolerance_ns("slop_s", slop_s)
         self._connect(inputs, callback, queue_size, allow_headerless, clock)
 
     def _match(self, index: int, stamp: int) -> list[int] | None:
@@ -577,7 +577,7 @@ class Cache(MessageFilter):
         clock: Clock | None = None,
     ) -> None:
         self._size = check_queue_size("cache_size", cache_size)
-        self._setup(callback, 1, check_filters("source", source))
+        self._setup(callback, 1, self._check_inputs("source", source))
         self._stamps: list[int] = []
         self._messages: list[Any] = []
         self._lock = threading.Lock()

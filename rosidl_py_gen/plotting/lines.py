@@ -7,7 +7,7 @@ pixel, and retains of each bucket the first, the smallest, the largest and the l
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias
@@ -101,11 +101,20 @@ class TopicLines:
         topic: name for error texts.
         paths: paths of the fields; if empty, the only number that the messages have.
         by_stamp: use the time of ``header.stamp`` instead of the time that is passed to `add`.
+        last_s: remove points that are older than the last one by more than this time, in seconds; None to keep all.
     """
 
-    def __init__(self, panel: PlotPanel, topic: str, paths: Sequence[str], *, by_stamp: bool = False) -> None:
+    def __init__(
+        self,
+        panel: PlotPanel,
+        topic: str,
+        paths: Sequence[str],
+        *,
+        by_stamp: bool = False,
+        last_s: float | None = None,
+    ) -> None:
         self.panel = panel
-        self._topic, self._paths, self._by_stamp = topic, paths, by_stamp
+        self._topic, self._paths, self._by_stamp, self._last_s = topic, paths, by_stamp, last_s
         self._note = terminal_output.OnceNotes()
         self._columns: dict[type[Any], list[Column]] = {}
         self._lines: dict[str, PlotLine] = {}
@@ -140,6 +149,9 @@ class TopicLines:
                 continue
             for name, element in _elements(column, value, self._note):
                 self._line(column, name).add(time_s, element / scale)
+        if self._last_s is not None:
+            for line in self._lines.values():
+                line.retain_last(self._last_s)
 
     def _line(self, column: Column, name: str) -> PlotLine:
         line = self._lines.get(name)
@@ -202,20 +214,6 @@ def _numeric_names(cls: type[Any], prefix: str = "", depth: int = 0) -> Iterator
             yield name
         elif depth < 20:
             yield from _numeric_names(one.cls, f"{name}.", depth + 1)
-
-
-def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
-    """Return topics and their fields from the words ``/topic FIELD... /other FIELD...``; raises `CommandError`."""
-    topics: dict[str, list[str]] = {}
-    at: list[str] | None = None
-    for word in words:
-        if word.startswith("/"):
-            at = topics.setdefault(word, [])
-        elif at is None:
-            raise CommandError(f"{word}: expected a topic such as /odom, which begins with a slash, before its fields")
-        else:
-            at.append(word)
-    return list(topics.items())
 
 
 class DrawnLine(NamedTuple):

@@ -15,12 +15,11 @@ from stat import S_IMODE, S_ISREG
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
 from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder, part_reason
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.compiler.frontend import MANIFEST, Workspace, bundled_packages, inside, workspace_around
+from rosidl_py_gen.compiler.frontend import Workspace, bundled_packages, inside
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
 from rosidl_py_gen.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
-from rosidl_py_gen.prefix.setup_process import run_setup_py
 from rosidl_py_gen.type_loading import cached_folder
 
 STATE = ".rosidl-py-prefix"
@@ -75,7 +74,7 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
     if os.name == "nt":
         raise CommandError("a prefix needs links and executable scripts; use WSL, or rosidl-py run without a prefix")
     if sources is None:
-        around = workspace_around(Path.cwd())
+        around = Workspace.around(Path.cwd())
         if around is None or not around.packages:
             raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
         sources = around.roots
@@ -83,8 +82,7 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
     problems: list[str] = []
     packages = _find_packages(searched, problems)
     prefix = _cached_prefix(searched) if out is None else Path(os.path.abspath(out))
-    run = run_setup_py if runs_setup else None
-    plans = [PackagePlan(name, folder, run) for name, folder in packages.items()]
+    plans = [PackagePlan(name, folder, runs_setup=runs_setup) for name, folder in packages.items()]
     files = _own_files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
@@ -130,7 +128,7 @@ def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]
         if not folder.is_dir():
             raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
         workspace = Workspace(folder)
-        if not (folder / MANIFEST).exists() and (folder / "src").is_dir():
+        if not (folder / "package.xml").exists() and (folder / "src").is_dir():
             inside = Workspace(folder / "src")  # may be a folder of sources that is not part of a workspace
             workspace = inside if inside.all_packages else workspace
         if workspace.limit_text:
@@ -140,7 +138,7 @@ def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]
         for name, place in workspace.all_packages:
             if not is_ament_name(name):
                 text = f'"{name[:200]}" is not the name of a package; expected {NAME_RULE}'
-                problems.append(f"{display_path(place / MANIFEST)}: {text}")
+                problems.append(f"{display_path(place / 'package.xml')}: {text}")
             elif (used := packages.setdefault(name, place)) != place:
                 text = f"two packages are called {name}: {display_path(used)} is used, {display_path(place)} is not"
                 problems.append(f"{text}; put an empty file COLCON_IGNORE into one of them")

@@ -16,7 +16,7 @@ from pathlib import Path
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONMENT_VARIABLE, selected
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import Workspace, package_around, workspace_around
+from rosidl_py_gen.compiler.frontend import Workspace, package_around
 from rosidl_py_gen.type_loading import ImportHookWarning, install_import_hook, workspace_packages
 
 _RUN_FUNCTION = """from {module} import {first}
@@ -58,6 +58,11 @@ class Executable:
         """Path that determines the workspace of the executable: its script, or else its folder."""
         return self.folder if self.file is None else self.file.resolve()
 
+    @property
+    def is_python(self) -> bool:
+        """True unless the executable is a file that is not written in Python."""
+        return self.file is None or self.file.suffix == ".py" or is_python_program(self.file)
+
     def program(self) -> bytes:
         """Return the text of a program that runs the script, or ends with the function's result, with this Python."""
         first = f"#!{sys.executable}"
@@ -72,6 +77,15 @@ class Executable:
         if self.warning:
             text = f"print({'warning: ' + self.warning!a}, file=sys.stderr)\n{text}"
         return os.fsencode(f"{first}\n# Written by rosidl-py prefix.\nimport sys\n\n{text}")
+
+
+def is_python_program(file: Path) -> bool:
+    """Return True for a file whose first line, ``#!...``, names Python as interpreter."""
+    if not file.is_file():  # opening a pipe would wait for its writer
+        return False
+    with file.open("rb") as opened:
+        line = opened.readline(200)
+    return line.startswith(b"#!") and b"python" in line
 
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
@@ -111,7 +125,7 @@ def folders(prefix: Path) -> dict[str, Path]:
 
 def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspace]:
     """Return the workspaces of ``--path``, then the workspace of the program `place`, or of the current folder."""
-    around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
+    around = Workspace.around(Path.cwd() if place is None else _workspace_folder(place))
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
 
@@ -148,5 +162,5 @@ def _workspace_folder(place: Path) -> Path:
         return here if is_workspace else place
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
-    around = workspace_around(here)
+    around = Workspace.around(here)
     return here if around is not None and package in workspace_packages(around).values() else place

@@ -9,22 +9,19 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, inside, read_text
-from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.prefix.environment import Executable
-from rosidl_py_gen.type_loading import (
-    Install,
-    PackageSetup,
-    RunSetup,
-    SetupFilesError,
-    cmake_installs,
-    read_setup_files,
-    setup_installs,
-)
+from rosidl_py_gen.errors import RosidlError, display_path
+from rosidl_py_gen.prefix.environment import Executable, is_python_program
+from rosidl_py_gen.type_loading import Install, PackageSetup, workspace_packages
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.frontend import Workspace
+    from rosidl_py_gen.type_loading import SetupArguments
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
 _GROUP = "console_scripts"
@@ -41,27 +38,53 @@ BUNDLED: dict[str, dict[str, str]] = {
 ``module:function``."""
 
 
-def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dict[str, Executable]:
+def find_executables(
+    package: str, workspaces: Sequence[Workspace], *, runs_setup: bool = False
+) -> tuple[dict[str, Executable], list[str]]:
+    """Return the executables of a package by name, from its sources, pip or a prefix, and the folders with them.
+
+    Args:
+        package: name of the package.
+        workspaces: workspaces that may have sources of the package; the first has precedence.
+        runs_setup: run a setup.py that cannot be read completely.
+
+    Raises:
+        CommandError: a file of the package cannot be read.
+    """
+    places: list[str] = []
+    for workspace in workspaces:
+        if folder := workspace_packages(workspace).get(package):
+            places.append(str(folder))
+            if by_name := of_sources(folder, package, runs_setup=runs_setup):
+                return by_name, places
+    for find in (of_distribution, of_bundled, of_prefixes):
+        if by_name := find(package):
+            return by_name, [str(next(iter(by_name.values())).folder)]
+    return {}, places
+
+
+def of_sources(folder: Path, name: str = "", *, runs_setup: bool = False) -> dict[str, Executable]:
     """Return the executables of a source package by name.
 
     Args:
         folder: folder of the package.
         name: name of the package, for warnings about executables that a build does not install into ``lib/NAME``.
-        run: function that runs a setup.py that cannot be read completely; None if no code may run.
+        runs_setup: run a setup.py that cannot be read completely.
 
     Raises:
         CommandError: a file cannot be read.
     """
     budget = PackageBudget()
     try:
-        setup = read_setup_files(folder, budget, run)
+        setup = read_setup(folder, budget, runs_setup)
+    except RosidlError as error:
+        raise CommandError(str(error)) from error
+    try:
         found = [
             *console_scripts(setup, folder, name, lambda text: terminal_output.note(f"warning: {text}")),
             *_scripts(setup, folder),
             *(_programs(folder, budget) if (folder / "CMakeLists.txt").is_file() else ()),
         ]
-    except SetupFilesError as error:
-        raise CommandError(str(error)) from error
     except UnreadableError as error:
         raise CommandError(f"{folder / 'CMakeLists.txt'}: {error.reason}") from error
     for text in setup.problems:
@@ -69,6 +92,22 @@ def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dic
     if text := uncertain_text(setup, folder, "entry_points", "scripts"):
         terminal_output.note_once(f"note: {text}; there may be other executables")
     return {one.name: one for one in reversed(found)}
+
+
+def read_setup(folder: Path, budget: PackageBudget, runs_setup: bool) -> PackageSetup:
+    """Return the install rules of a Python package; with `runs_setup`, a setup.py that cannot be read completely runs.
+
+    Raises:
+        RosidlError: a file cannot be read; the text begins with the path of the file.
+    """
+    return PackageSetup.read(folder, budget, _run_setup_py if runs_setup else None)
+
+
+def _run_setup_py(folder: Path, why: str) -> SetupArguments:
+    # Slow to import, and rarely needed.
+    from rosidl_py_gen.prefix.setup_process import run_setup_py
+
+    return run_setup_py(folder, why)
 
 
 def uncertain_text(setup: PackageSetup, folder: Path, *arguments: str) -> str:
@@ -108,7 +147,7 @@ def _scripts(setup: PackageSetup, folder: Path) -> Iterator[Executable]:
     """Yield the scripts that setup.py declares, and the Python programs among its data files below ``lib``."""
     installs = [
         Install(folder, "PROGRAMS", tuple(setup.texts("scripts")), setup.scripts_folder),
-        *(one for one in setup_installs(folder, setup.values.get("data_files")) if _IN_LIB.match(one.destination)),
+        *(one for one in setup.data_files if _IN_LIB.match(one.destination)),
     ]
     for one in installs:
         for name, path in one.files():
@@ -119,15 +158,6 @@ def _scripts(setup: PackageSetup, folder: Path) -> Iterator[Executable]:
 def is_lib_program(file: Path) -> bool:
     """Return True if a file that is installed below ``lib`` is a Python program."""
     return (file.suffix == ".py" and os.access(file, os.X_OK)) or is_python_program(file)
-
-
-def is_python_program(file: Path) -> bool:
-    """Return True for a file whose first line, ``#!...``, names Python as interpreter."""
-    if not file.is_file():  # opening a pipe would wait for its writer
-        return False
-    with file.open("rb") as opened:
-        line = opened.readline(200)
-    return line.startswith(b"#!") and b"python" in line
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
@@ -164,7 +194,7 @@ def of_prefixes(package: str) -> dict[str, Executable]:
 
 def _programs(folder: Path, budget: PackageBudget) -> Iterator[Executable]:
     """Yield files that CMakeLists.txt installs as PROGRAMS, and Python files that it installs into ``lib``."""
-    for one in cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget)):
+    for one in Install.of_cmake(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget)):
         is_program = one.kind == "PROGRAMS"
         if is_program or one.destination.startswith("lib/"):
             for name, path in one.files():

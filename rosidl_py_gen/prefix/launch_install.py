@@ -35,8 +35,8 @@ from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES
 from rosidl_py_gen.prefix.package_plan import PROGRAM, PackagePlan
 from rosidl_py_gen.wheels import environment
-from rosidl_py_gen.wheels.build import manifest_metadata, read_manifest, write_wheel
-from rosidl_py_gen.wheels.environment import Installer, find_installer
+from rosidl_py_gen.wheels.build import read_manifest
+from rosidl_py_gen.wheels.environment import Installer
 
 ARCHIVE = "https://github.com/{repository}/archive/refs/heads/{branch}.zip"
 """Address of the archive of a repository's branch. git writes the hash of the commit as comment of the archive."""
@@ -107,7 +107,7 @@ def install(names: Sequence[str], clones: Sequence[str]) -> None:
         if not repository_of(name):
             known = [one for packages in REPOSITORIES.values() for one in packages]
             raise CommandError(f'no package "{name}"{did_you_mean(name, known)}; expected {", ".join(known)}')
-    installer = find_installer()  # before the download
+    installer = Installer.of_environment()  # before the download
     missing = [name for name in LAUNCH_PACKAGES if find_spec(name) is None]
     chosen = [*dict.fromkeys((*missing, *names))] if names else [*LAUNCH_PACKAGES]
     with TemporaryDirectory(prefix="rosidl-py-launch-") as folder, _sources(chosen, clones, Path(folder)) as sources:
@@ -293,8 +293,7 @@ def _build(source: _PackageSource, out: Path) -> tuple[Path, Origin]:
             code |= _module_files(inner, file.source)
     if f"{name}/__init__.py" not in code:
         raise CommandError(f"{name} of {origin.address} has no Python package {name}")
-    metadata = manifest_metadata(name.replace("_", "-"), manifest, [])
-    return write_wheel(out, name, code, metadata, groups, data, programs), origin
+    return manifest.write_wheel(out, name, code, groups, data, programs), origin
 
 
 def _module_files(place: str, source: Path) -> dict[str, bytes]:

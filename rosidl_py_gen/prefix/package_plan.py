@@ -16,7 +16,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend import (
     UNKNOWN,
@@ -25,24 +24,18 @@ from rosidl_py_gen.compiler.frontend import (
     PackageBudget,
     UnreadableError,
     files_below,
-    holds_interfaces,
     inside,
-    mentions_interfaces,
     note,
     read_package_manifest,
     read_text,
 )
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.prefix import executables
-from rosidl_py_gen.prefix.environment import SITE_PACKAGES, Executable
+from rosidl_py_gen.prefix.environment import SITE_PACKAGES, Executable, is_python_program
 from rosidl_py_gen.type_loading import (
     RCLPY_COMPAT_DIR,
     Install,
     PackageSetup,
-    RunSetup,
-    cmake_installs,
-    read_setup_files,
-    setup_installs,
 )
 
 INDEX = "share/ament_index/resource_index"
@@ -86,16 +79,16 @@ class PackagePlan:
         has_targets: True if the package has C++ code.
     """
 
-    def __init__(self, name: str, folder: Path, run: RunSetup | None = None) -> None:
+    def __init__(self, name: str, folder: Path, *, runs_setup: bool = False) -> None:
         """Read the install rules of a package.
 
         Args:
             name: name of the package.
             folder: source folder of the package.
-            run: function that runs a setup.py that cannot be read completely, or None; unless None, ``lib/<package>``
-                also has the executables that a build installs elsewhere.
+            runs_setup: run a setup.py that cannot be read completely; ``lib/<package>`` then also has the executables
+                that a build installs elsewhere.
         """
-        self.name, self._folder, self._run = name, folder, run
+        self.name, self._folder, self._runs_setup = name, folder, runs_setup
         self.files: dict[str, PrefixFile] = {}
         self.notes: list[str] = []
         self._problems: dict[str, None] = {}
@@ -123,6 +116,16 @@ class PackagePlan:
             self._read(self._link_sources)
         self.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
         self.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
+
+    @property
+    def modules(self) -> dict[str, Path]:
+        """Source files and folders of the modules that the package installs, by name of the module."""
+        found: dict[str, Path] = {}
+        for place, file in self.files.items():
+            parent, _, name = place.rpartition("/")
+            if parent == SITE_PACKAGES and file.source is not None:
+                found.setdefault(name.removesuffix(".py"), file.source)
+        return found
 
     @property
     def problems(self) -> list[str]:
@@ -207,10 +210,10 @@ class PackagePlan:
         return None
 
     def _add_interfaces(self) -> None:
-        if not is_package_name(self.name) or not (holds_interfaces(self._folder) or mentions_interfaces(self._folder)):
+        package = Package.of_sources(self.name, self._folder)
+        if package is None:
             return
-        found = Package(self.name, self._folder, "", from_source=True).files
-        places = {f"{interface.kind}/{path.name}": path for interface, path in found.items()}
+        places = {f"{interface.kind}/{path.name}": path for interface, path in package.files.items()}
         for place, path in places.items():
             self._add(f"share/{self.name}/{place}", PrefixFile(path))
         if places:
@@ -224,7 +227,7 @@ class PackagePlan:
             note(source)
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
-        if is_named or (is_below_lib and executables.is_python_program(source)):
+        if is_named or (is_below_lib and is_python_program(source)):
             file = PrefixFile(source, Executable(source.name, source.parent, source).program(), PROGRAM)
         elif is_program and not is_executable:
             if source.stat().st_size > MAX_COPY_BYTES:
@@ -250,14 +253,14 @@ class PackagePlan:
 
     def _read_setup_files(self) -> PackageSetup:
         if self._setup is None:
-            self._setup = read_setup_files(self._folder, self._budget, self._run)
+            self._setup = executables.read_setup(self._folder, self._budget, self._runs_setup)
             self.notes += self._setup.problems
             self._budget.renew()  # for the files that are installed
         return self._setup
 
     def _add_entry_points(self, setup: PackageSetup, scripts_folder: str) -> None:
         """Add a program to `scripts_folder` for each console script of the package."""
-        package = self.name if self._run is not None and scripts_folder == setup.scripts_folder else ""
+        package = self.name if self._runs_setup and scripts_folder == setup.scripts_folder else ""
         for one in executables.console_scripts(setup, self._folder, package, self._problem):
             file = PrefixFile(None, replace(one, warning="").program(), PROGRAM)
             self._add(f"{scripts_folder}/{one.name}", file)
@@ -289,10 +292,10 @@ class PackagePlan:
         self._add_metadata(setup.values.get("name"), setup.values.get("version"), setup.groups)
         self._add_modules(setup)
         scripts = tuple(setup.texts("scripts"))
-        places = {setup.scripts_folder, *([f"lib/{self.name}"] if self._run is not None else [])}
+        places = {setup.scripts_folder, *([f"lib/{self.name}"] if self._runs_setup else [])}
         for install in (
             *(Install(self._folder, "PROGRAMS", scripts, place) for place in sorted(places)),
-            *setup_installs(self._folder, setup.values.get("data_files")),
+            *setup.data_files,
         ):
             self._install(install)
 
@@ -310,7 +313,7 @@ class PackagePlan:
             self._problem(f"{text}; executables may be missing{self._advice(setup)}")
 
     def _advice(self, setup: PackageSetup) -> str:
-        is_run = self._run is not None or setup.unread
+        is_run = self._runs_setup or setup.unread
         return "" if is_run else "; rosidl-py run, launch and test run setup.py to know them"
 
     def _add_modules(self, setup: PackageSetup) -> None:
@@ -335,7 +338,7 @@ class PackagePlan:
     def _read_cmake(self) -> None:
         script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"), self._budget)
         self._budget.renew()  # for the files that are installed
-        for install in cmake_installs(self._folder, script):
+        for install in Install.of_cmake(self._folder, script):
             self._install(install)
         calls = [(command, [word.text for word in words]) for command, words in script.calls]
         installed = {

@@ -18,9 +18,9 @@ from threading import Thread
 from typing import IO, Any
 
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import Stamp, UnreadableError, files_below, note, stamp
+from rosidl_py_gen.compiler.frontend import UnreadableError, files_below, note, stamp
 from rosidl_py_gen.errors import RosidlError, display_path, printable
-from rosidl_py_gen.type_loading import SetupArguments, cached, merge_calls
+from rosidl_py_gen.type_loading import SetupArguments, cached
 
 TIMEOUT_S = 10.0
 """Maximum run time of a setup.py in seconds, after which its process group is killed."""
@@ -33,7 +33,7 @@ _OF_SHELLS = {"_", "OLDPWD", "PWD", "SHLVL"}
 them."""
 
 
-_results: dict[tuple[Path, str, Stamp], Any] = {}
+_results: dict[tuple[Path, str, object], Any] = {}
 """Results or error texts of setup.py files, by package folder, digest of the environment, and stamp of setup.py."""
 
 
@@ -79,7 +79,7 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
         files_below(folder)
     for path in result["read"]:
         note(path)
-    return merge_calls(result["calls"])
+    return SetupArguments.of_calls(result["calls"])
 
 
 def _record(folder: Path) -> Any:

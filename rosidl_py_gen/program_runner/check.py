@@ -29,7 +29,7 @@ from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.prefix.environment import SITE_PACKAGES, Executable
+from rosidl_py_gen.prefix.environment import Executable
 
 
 @dataclass
@@ -147,10 +147,7 @@ class _OwnModules:
 
         found: dict[str, Path] = {}
         for package, folder in self._packages().items():
-            for place, file in PackagePlan(package, folder).files.items():
-                parent, _, name = place.rpartition("/")
-                if parent == SITE_PACKAGES and file.source is not None:
-                    found.setdefault(name.removesuffix(".py"), file.source)
+            found = PackagePlan(package, folder).modules | found
         return found
 
 

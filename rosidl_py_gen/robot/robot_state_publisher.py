@@ -104,7 +104,7 @@ class RobotStatePublisher:
         now, prefix = self.node.clock.now().nanoseconds, self._parameters.frame_prefix
         self._messages: dict[str, Any] = {}  # reused for each position
         for name, joint in self._joints.items():
-            origin = (np.array(joint.translation), np.array(joint.rotation))
+            origin = map(np.array, joint.origin)
             self._messages[name] = Transform(prefix + joint.parent, prefix + joint.child, now, *origin).to_message()
         fixed = [name for name, joint in self._joints.items() if joint.type in ("fixed", "planar")]
         self._static_broadcaster.send([self._messages[name] for name in fixed])

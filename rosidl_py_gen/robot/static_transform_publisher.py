@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from rosidl_py_gen.robot.node_program import ProgramError, serve
-from rosidl_py_gen.robot.urdf import parse_number, quaternion_from_rpy
+from rosidl_py_gen.robot.urdf import parse_number
 from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, get_logger
-from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform
+from rosidl_py_gen.tf import Pose, StaticTransformBroadcaster, Transform
 
 NAME = "static_transform_publisher"
 USAGE = """usage: static_transform_publisher --frame-id PARENT --child-frame-id CHILD [OPTIONS]
@@ -73,7 +73,7 @@ def parse_transform(arguments: Sequence[str]) -> dict[str, Any]:
     if not numbers.keys().isdisjoint(_ANGLES):
         if not numbers.keys().isdisjoint(_QUATERNION):
             raise ProgramError(f"found {', '.join(f'--{name}' for name in found)}; expected angles or a quaternion")
-        rotation = [*quaternion_from_rpy(*(numbers.get(name, 0.0) for name in _ANGLES))]
+        rotation = [*Pose.from_rpy(*(numbers.get(name, 0.0) for name in _ANGLES)).rotation]
     length = math.hypot(*rotation)
     if abs(length * length - 1) > 0.01:
         warn(f"the quaternion has length {length:.3g}; expected 1; tf2 ignores such transforms")

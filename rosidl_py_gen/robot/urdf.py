@@ -18,7 +18,7 @@ from rosidl_py_gen.base.terminal_text import MAX_FIRST
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
-from rosidl_py_gen.tf import ORIGIN, Quaternion, Vector, add, normalized, product, rotate
+from rosidl_py_gen.tf import Pose
 
 MAX_BYTES = 8 * MAX_FILE_BYTES  # URDFs of humanoids with all their meshes have about 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
@@ -43,7 +43,7 @@ class Joint:
 
     Attributes:
         type: one of `JOINT_TYPES`.
-        translation: origin of the joint in the frame of the link `parent`, in metres; `rotation` is its orientation.
+        origin: pose of the joint in the frame of the link `parent`, in metres.
         axis: unit vector in the frame of the joint, or zero.
         soft_limits: lower and upper position of the safety controller, infinite by default.
     """
@@ -52,22 +52,19 @@ class Joint:
     type: str
     parent: str
     child: str
-    translation: Vector
-    rotation: Quaternion
-    axis: Vector
+    origin: Pose
+    axis: tuple[float, float, float]
     limits: tuple[float, float] | None
     soft_limits: tuple[float, float]
     mimic: Mimic | None
     element: XmlElement = field(compare=False, repr=False)
 
-    def pose(self, position: float) -> tuple[Vector, Quaternion]:
+    def pose(self, position: float) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
         """Return translation and rotation of the link `child` in `parent` at a position in radians or metres."""
-        x, y, z = self.axis
         if self.type == "prismatic":
-            moved = rotate(self.rotation, (x * position, y * position, z * position))
-            return add(self.translation, moved), self.rotation
-        sine = math.sin(position / 2)
-        return self.translation, product(self.rotation, (x * sine, y * sine, z * sine, math.cos(position / 2)))
+            x, y, z = self.axis
+            return self.origin.moved((x * position, y * position, z * position))
+        return self.origin.turned(self.axis, position)
 
 
 def read_description(path: str) -> str:
@@ -177,12 +174,12 @@ def _joint(name: str, element: XmlElement, warnings: list[Diagnostic]) -> Joint:
     for tag in ("parent", "child"):
         if tag not in children:
             raise element.error(f'{where}: no <{tag}>; expected <{tag} link="..."/>')
-    axis: Vector = (1.0, 0.0, 0.0)
+    axis = (1.0, 0.0, 0.0)
     if kind in MOVABLE_TYPES and "axis" in children:
         x, y, z = _numbers(children["axis"], "xyz", where, 0.0, 0.0, 0.0)
         length = math.hypot(x, y, z)
         is_usable = 1e-300 < length < math.inf
-        axis = (x / length, y / length, z / length) if is_usable else ORIGIN
+        axis = (x / length, y / length, z / length) if is_usable else (0.0, 0.0, 0.0)
         if not is_usable:
             text = f"{where} is not published: its axis has length {length}; expected one like 0 0 1"
             warnings.append(children["axis"].diagnostic(text))
@@ -202,16 +199,8 @@ def _joint(name: str, element: XmlElement, warnings: list[Diagnostic]) -> Joint:
         mimic = Mimic(_attribute(found, "joint", where), factor, offset)
     parent, child = (_attribute(children[tag], "link", where) for tag in ("parent", "child"))
     translation, angles = (_numbers(origin, key, where, 0.0, 0.0, 0.0) for key in ("xyz", "rpy"))
-    rotation = quaternion_from_rpy(*angles)
-    return Joint(name, kind, parent, child, translation, rotation, axis, limits, soft, mimic, element)
-
-
-def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the rotation by `roll` about x, then by `pitch` about y, then by `yaw` about z, all fixed axes."""
-    x = (math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2))
-    y = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
-    z = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-    return normalized(product(z, product(y, x)))
+    pose = Pose.from_rpy(*angles, translation=translation)
+    return Joint(name, kind, parent, child, pose, axis, limits, soft, mimic, element)
 
 
 def parse_number(text: str) -> float:

@@ -157,18 +157,16 @@ def _timeout_s(context: click.Context) -> float:
 
 
 async def _live_names(what: str, command_node: CommandNode, context: click.Context) -> list[str]:
-    from rosidl_py_gen.command_support.graph_lookup import full_name, graph_names
-
     if what == "parameters":
-        client = command_node.node.create_parameter_client(full_name(command_node.node, context.params["node"], "node"))
+        client = command_node.node.create_parameter_client(command_node.full_name(context.params["node"], "node"))
         return list((await client.list(timeout_s=_timeout_s(context))).names)
-    names = graph_names(command_node.node, what.removesuffix("s"))
+    names = command_node.names(what.removesuffix("s"))
     return [name for name in names if what != "topics" or "/_action/" not in name]
 
 
 def _bag_names(kind: str, context: click.Context) -> list[str]:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.command_support.graph_lookup import topic_owner
+    from rosidl_py_gen.ros_cli.bag.topic_owner import topic_owner
 
     words = context.params
     names: set[str] = set()
@@ -180,11 +178,9 @@ def _bag_names(kind: str, context: click.Context) -> list[str]:
 
 
 def _announced_types(kind: str, context: click.Context) -> list[str]:
-    from rosidl_py_gen.command_support import graph_lookup
-
     async def request(command_node: CommandNode) -> list[str]:
-        name = graph_lookup.full_name(command_node.node, context.params[kind], kind)
-        return graph_lookup.announced_types(command_node, kind, name)
+        name = command_node.full_name(context.params[kind], kind)
+        return command_node.announced_types(kind, name)
 
     return _query(context, request)
 
@@ -213,7 +209,7 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
             return graph_lookup.installed_class(kind, type_name, paths)
 
     async def request(command_node: CommandNode) -> Any:
-        name = graph_lookup.full_name(command_node.node, context.params[kind], kind)
+        name = command_node.full_name(context.params[kind], kind)
         resolving = graph_lookup.interface_class(command_node, kind, name, type_name, paths)
         return await asyncio.wait_for(resolving, _timeout_s(context))
 

@@ -16,10 +16,7 @@ from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
-    missing_package,
-    read_checked,
     registry_from_descriptions,
-    resolve_name,
     scan_search_path,
     written_messages,
 )
@@ -53,7 +50,7 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
     if package and package not in search.packages and not generated:
         if package in search.refused:
             raise CommandError(str(search.refused[package]))
-        raise CommandError(missing_package(search, package, f"no package {package}"))
+        raise CommandError(search.missing_package(package, f"no package {package}"))
     packages = [one for one in search.packages.values() if package in ("", one.name)]
     names = [*(name for one in packages for name in one.files), *generated]
     return sorted(name for name in names if name.kind in kinds)
@@ -74,10 +71,10 @@ def name_or_stdin(text: str) -> str:
 def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, RosName]:
     """Return the definition that `text` names, from the search path, a generated package, or cached descriptions."""
     text = name_or_stdin(text)
-    name = resolve_name(search, text)
+    name = search.resolve(text)
     registry = InterfaceRegistry(search)
     try:
-        read_checked(registry, name)
+        registry.read_checked(name)
     except TypeNotFoundError:
         definition = _generated(text) or cached_registry(text)
         if definition is None:

@@ -78,12 +78,10 @@ def type_verb(kind: str, example: str, *more: Option) -> Callable[..., None]:
     """Return the command ``type`` of a topic, service or action (`kind`); `more` may add an option `timeout_s`."""
 
     async def type_(command_node: CommandNode, as_json: bool, timeout_s: float | None = None, **name: str) -> None:
-        from rosidl_py_gen.command_support.graph_lookup import announced_types
-
         full_name = await command_node.find(kind, name[kind], timeout_s)
         if kind == "topic":  # other publishers may have another type
             await command_node.wait_for_discovery()
-        terminal_output.result(announced_types(command_node, kind, full_name), as_json)
+        terminal_output.result(command_node.announced_types(kind, full_name), as_json)
 
     type_.__doc__ = f"Print the type of a{'n' if kind == 'action' else ''} {kind}.\n\n\b\n{example}"
     argument = click.argument(kind, shell_complete=options.completion(f"{kind}s"))

@@ -14,7 +14,7 @@ from rosidl_py_gen.ros_cli import options, verb
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
 _KINDS = {"msg": "Messages", "srv": "Services", "action": "Actions"}
 _kind_options = options.all_of(
@@ -112,7 +112,7 @@ def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...
     --json prints the type description and the hash.
     """
     from rosidl_py_gen.base.descriptions import build_type_description
-    from rosidl_py_gen.compiler.frontend import expanded_lines, scan_search_path
+    from rosidl_py_gen.compiler.frontend import DefinitionText, scan_search_path
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
     library, top = read_definition(scan_search_path(paths), name)
@@ -120,7 +120,8 @@ def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...
         description = build_type_description(str(top), library.field_rows)
         terminal_output.document({"hash": library.type_hash(str(top)), **description})
         return
-    lines = expanded_lines(library, top, comments=not no_comments, nested_comments=all_comments and not no_comments)
+    text = DefinitionText(library, top)
+    lines = text.expanded_lines(comments=not no_comments, nested_comments=all_comments and not no_comments)
     for line in lines if terminal_output.is_terminal() else ["\n".join(lines)]:
         terminal_output.block(line, "dim" if line.lstrip().startswith("#") else "")
 
@@ -145,19 +146,9 @@ def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: 
     hashes: dict[str, str] = {}
     for text in names:
         library, top = read_definition(search, text)
-        for name in [str(top), *(_parts(library, top) if parts else ())]:
+        for name in [str(top), *(library.parts(top) if parts else ())]:
             hashes[name] = library.type_hash(name)
     terminal_output.result((f"{value}  {name}" for name, value in hashes.items()), as_json, hashes)
-
-
-def _parts(library: InterfaceRegistry, top: RosName) -> list[str]:
-    from rosidl_py_gen.compiler.frontend import ActionDef, ServiceDef
-
-    interface = library.interface(top)
-    if not isinstance(interface, ServiceDef | ActionDef):
-        return []
-    services = (interface.send_goal, interface.get_result) if isinstance(interface, ActionDef) else ()
-    return [str(one.name) for one in (*interface.messages, *services)]
 
 
 @click.command("proto")
@@ -189,9 +180,9 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
     """Return an example message of a type with default values; for a service its request, for an action its goal."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.compiler.frontend import resolve_name, scan_search_path
+    from rosidl_py_gen.compiler.frontend import scan_search_path
 
-    name = resolve_name(scan_search_path(paths), text)
+    name = scan_search_path(paths).resolve(text)
     try:
         suffix = _message_suffix(name)
         return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()

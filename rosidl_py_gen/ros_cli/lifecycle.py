@@ -38,11 +38,9 @@ class _LifecycleAccess(NamedTuple):
         return state
 
 
-def _lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
+def _lifecycle_nodes(command_node: CommandNode, *, hidden: bool) -> list[str]:
     """Return the sorted full names of the lifecycle nodes in the graph."""
-    from rosidl_py_gen.command_support.graph_lookup import nodes_serving
-
-    return nodes_serving(node, _IDENTIFYING_SERVICE, "lifecycle_msgs/srv/GetState", hidden=hidden)
+    return command_node.nodes_serving(_IDENTIFYING_SERVICE, "lifecycle_msgs/srv/GetState", hidden=hidden)
 
 
 @asynccontextmanager
@@ -54,7 +52,7 @@ async def _access(command_node: CommandNode, node: str, timeout_s: float) -> Asy
     from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 
     name = await command_node.find("node", node, timeout_s)
-    if not await command_node.wait_for(lambda: name in _lifecycle_nodes(command_node.node, hidden=True), timeout_s):
+    if not await command_node.wait_for(lambda: name in _lifecycle_nodes(command_node, hidden=True), timeout_s):
         raise CommandError(f"{name} is not a lifecycle node: it does not serve {name}{_IDENTIFYING_SERVICE}")
     try:
         yield _LifecycleAccess(command_node.node, name, timeout_s)
@@ -74,7 +72,7 @@ async def nodes(command_node: CommandNode, hidden: bool, count: bool, as_json: b
     rosidl-py lifecycle nodes
     """
     await command_node.wait_for_discovery()
-    names = _lifecycle_nodes(command_node.node, hidden=hidden)
+    names = _lifecycle_nodes(command_node, hidden=hidden)
     command_node.note_if_alone()
     terminal_output.result([str(len(names))] if count else names, as_json, names)
 
@@ -100,7 +98,7 @@ async def get(command_node: CommandNode, node: str | None, hidden: bool, timeout
     from rosidl_py_gen.command_support.command_node import results_by_name
 
     await command_node.wait_for_discovery()
-    names = _lifecycle_nodes(command_node.node, hidden=hidden)
+    names = _lifecycle_nodes(command_node, hidden=hidden)
     states = await results_by_name({one: _LifecycleAccess(command_node.node, one, timeout_s).state() for one in names})
     texts = [f"{name}: {_text(state)}" for name, state in states.items()]
     terminal_output.result(texts, as_json, {name: _row(state) for name, state in states.items()})

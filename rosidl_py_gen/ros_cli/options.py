@@ -6,7 +6,7 @@ Help and completion import this module, so it imports nothing that takes time.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from functools import partial, wraps
 from math import isfinite
 from pathlib import PurePath
@@ -168,6 +168,22 @@ plot_options = all_of(
     click.option("--wall-clock", is_flag=True, help="Local date and time on the time axis, instead of seconds."),
 )
 """Options that ``bag plot`` and ``topic plot`` share."""
+
+
+def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
+    """Return topics and their fields from the words ``/topic FIELD... /other FIELD...``; raises `CommandError`."""
+    topics: dict[str, list[str]] = {}
+    at: list[str] | None = None
+    for word in words:
+        if word.startswith("/"):
+            at = topics.setdefault(word, [])
+        elif at is None:
+            raise CommandError(f"{word}: expected a topic such as /odom, which begins with a slash, before its fields")
+        else:
+            at.append(word)
+    return list(topics.items())
+
+
 node_options = all_of(
     _network_option(
         "--domain",

@@ -100,7 +100,6 @@ async def list_(
     rosidl-py param list --filter '.*rate'
     """
     from rosidl_py_gen.command_support.command_node import results_by_name
-    from rosidl_py_gen.command_support.graph_lookup import LIST_PARAMETERS, nodes_serving
 
     regex = options.compile_pattern(pattern or "", "--filter")
 
@@ -118,7 +117,7 @@ async def list_(
             _print_lists({client.node: await names_and_types(client)}, as_json, headings=False)
         return 0
     await command_node.wait_for_discovery()
-    nodes = nodes_serving(command_node.node, *LIST_PARAMETERS, hidden=hidden)
+    nodes = command_node.nodes_with_parameters(hidden=hidden)
     command_node.note_if_alone()
     create = command_node.node.create_parameter_client
     parameters = await results_by_name({name: names_and_types(create(name)) for name in nodes})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -15,12 +14,11 @@ from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.ros_cli import options, verb
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Sequence
 
-    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Node, NodeInfo
-    from rosidl_py_gen.security import Keystore, PolicyEnclave
+    from rosidl_py_gen.security import Keystore, PolicyEnclave, SecurityPolicy
 
 _KEYSTORE = "ROS_SECURITY_KEYSTORE"
 _root = click.argument("root", metavar="ROOT", type=click.Path(file_okay=False, path_type=Path))
@@ -37,19 +35,6 @@ def _keystore(root: Path) -> Keystore:
     from rosidl_py_gen.security import Keystore
 
     return Keystore(root, terminal_output.note)
-
-
-@contextmanager
-def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
-    """Lock a complete keystore against other commands and yield it; print a note if its governance lacks the domain."""
-    from rosidl_py_gen.security import locked
-
-    keystore = _keystore(root)
-    keystore.require()
-    with locked(root):
-        keystore.require_own()
-        yield keystore
-    keystore.note_if_ungoverned(domain_id)
 
 
 @click.command("create_keystore")
@@ -87,13 +72,13 @@ def create_enclave(root: Path, name: str, as_json: bool) -> None:
     \b
     rosidl-py security create_enclave keystore /talker
     """
-    from rosidl_py_gen.security import check_enclave_name, wildcard_enclave
+    from rosidl_py_gen.security import PolicyEnclave
 
-    check_enclave_name(name)
+    enclave = PolicyEnclave.without_limits(name)
     domain_id = _domain_id()
-    with _changing(root, domain_id) as keystore:
+    with _keystore(root).changing(domain_id) as keystore:
         certificate = keystore.create_enclave(name)
-        keystore.write_permissions(wildcard_enclave(name), certificate, domain_id)
+        keystore.write_permissions(enclave, certificate, domain_id)
     folder, end = keystore.enclave_folder(name), certificate.not_valid_after_utc
     text = f"created enclave {name} in {folder} for domain {domain_id}, valid until {end:%Y-%m-%d}"
     row = {"enclave": name, "folder": str(folder), "domain_id": domain_id, "valid_until": end.isoformat()}
@@ -135,16 +120,16 @@ def create_permission(root: Path, name: str, policy_file: str, as_json: bool) ->
     rosidl-py security create_permission keystore /talker policy.xml
     """
     from rosidl_py_gen.base.names import did_you_mean
-    from rosidl_py_gen.security import check_enclave_name, read_policy
+    from rosidl_py_gen.security import SecurityPolicy, check_enclave_name
 
     check_enclave_name(name)
     domain_id = _domain_id()
     _keystore(root).require()
-    policy = read_policy(policy_file)
+    policy = SecurityPolicy.read(policy_file)
     if name not in policy.enclaves:
         hint = did_you_mean(name, policy.enclaves) or f"; it has {', '.join(sorted(policy.enclaves)[:10])}"
         raise CommandError(f"{policy_file}: the policy has no enclave {name}{hint}")
-    with _changing(root, domain_id) as keystore:
+    with _keystore(root).changing(domain_id) as keystore:
         path = keystore.write_permissions(policy.enclaves[name], keystore.enclave_certificate(name), domain_id)
     row = {"enclave": name, "permissions": str(path), "domain_id": domain_id}
     terminal_output.result([f"wrote and signed {path} for domain {domain_id}"], as_json, row)
@@ -195,7 +180,7 @@ def generate_artifacts(root: Path | None, enclaves: Sequence[str], policy_files:
     if keystore.missing_files():
         keystore.create(domain_id)
         terminal_output.note(f"created keystore {root} for domain {domain_id}")
-    with _changing(root, domain_id) as keystore:
+    with _keystore(root).changing(domain_id) as keystore:
         for name, enclave in wanted.items():
             keystore.write_permissions(enclave, keystore.create_enclave(name), domain_id)
     _print_enclaves(keystore, [*wanted], as_json)
@@ -206,14 +191,12 @@ def _wanted_enclaves(names: Sequence[str], policy_files: Sequence[str]) -> dict[
 
     For other enclaves in `names`, the rules allow everything.
     """
-    from rosidl_py_gen.security import check_enclave_name, read_policy, wildcard_enclave
+    from rosidl_py_gen.security import PolicyEnclave, SecurityPolicy
 
-    for name in names:
-        check_enclave_name(name)
-    wanted = {name: wildcard_enclave(name) for name in names}
+    wanted = {name: PolicyEnclave.without_limits(name) for name in names}
     origins: dict[str, str] = {}
     for path in policy_files:
-        for name, enclave in read_policy(path).enclaves.items():
+        for name, enclave in SecurityPolicy.read(path).enclaves.items():
             if name in origins:
                 raise CommandError(
                     f"enclave {name} is in {origins[name]} and in {path}; expected it in one policy, as only one can "
@@ -236,42 +219,33 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     \b
     rosidl-py security generate_policy policy.xml
     """
-    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
-    from rosidl_py_gen.security import VERSION, policy_text, read_policy, write_file
+    from rosidl_py_gen.security import SecurityPolicy
 
     path = os.path.realpath(policy_file)
-    if os.path.lexists(path):
-        root = read_policy(policy_file).root
-    else:
-        root = XmlElement("policy", {"version": VERSION}, children=[XmlElement("enclaves")])
+    policy = SecurityPolicy.read(policy_file) if os.path.lexists(path) else SecurityPolicy.empty()
     await command_node.wait_for_node_names()
     nodes = [one for one in command_node.node.get_nodes() if not is_hidden_node(one.fully_qualified_name)]
-    added = [one for one in nodes if _add_node(root, command_node.node, one)]
+    added = [one for one in nodes if _add_node(policy, command_node.node, one)]
     if not added:
         domain_id = command_node.context.domain_id
         raise CommandError(f"no nodes were found in domain {domain_id}; {policy_file} was not written")
-    write_file(Path(path), policy_text(root).encode())
+    policy.write(Path(path))
     rows = [{"name": one.fully_qualified_name, "enclave": one.enclave} for one in added]
     enclaves = ", ".join(sorted({one.enclave for one in added}))
     text = f"wrote {policy_file}: {pluralize(len(added), 'node')}, enclaves {enclaves}"
     terminal_output.result([text], as_json, {"policy": policy_file, "nodes": rows})
 
 
-def _add_node(root: XmlElement, node: Node, other: NodeInfo) -> bool:
+def _add_node(policy: SecurityPolicy, node: Node, other: NodeInfo) -> bool:
     """Add a profile of another node to a policy; returns False, with a note, if ROS does not allow its names."""
     from rosidl_py_gen.errors import InvalidNameError
-    from rosidl_py_gen.runtime import validate_namespace, validate_node_name
-    from rosidl_py_gen.security import check_enclave_name
 
     try:
-        check_enclave_name(other.enclave)
-        validate_namespace(other.namespace)
-        validate_node_name(other.name)
+        profile = policy.add_profile(other.enclave, other.namespace, other.name)
     except InvalidNameError as error:
         terminal_output.note(f"skipped node {other.fully_qualified_name}: {str(error).partition(chr(10))[0]}")
         return False
-    profile = _profile(root, other)
     identity = other.name, other.namespace
     for kind, attribute, found in (
         ("topics", "subscribe", node.get_subscriber_names_and_types_by_node(*identity)),
@@ -281,7 +255,7 @@ def _add_node(root: XmlElement, node: Node, other: NodeInfo) -> bool:
     ):
         names = [name for name, _ in found if _is_valid(name)]
         if names:
-            _add_rule(profile, kind, attribute, (_relative(name, other) for name in names))
+            profile.allow(kind, attribute, names)
     return True
 
 
@@ -295,44 +269,3 @@ def _is_valid(name: str) -> bool:
         terminal_output.note(f"skipped a topic: {str(error).partition(chr(10))[0]}")
         return False
     return True
-
-
-def _relative(name: str, node: NodeInfo) -> str:
-    """Return a name as programs write it: ``~/x`` below the node's name, ``x`` in its namespace, else in full."""
-    if name.startswith(f"{node.fully_qualified_name}/"):
-        return f"~{name[len(node.fully_qualified_name) :]}"
-    if node.namespace == "/":
-        return name[1:] if name.count("/") == 1 else name
-    return name.removeprefix(f"{node.namespace}/")
-
-
-def _profile(root: XmlElement, node: NodeInfo) -> XmlElement:
-    """Return the profile of a node in a policy, which is created if it does not exist."""
-    enclaves = _child(root, "enclaves", {})
-    enclave = _child(enclaves, "enclave", {"path": node.enclave})
-    return _child(_child(enclave, "profiles", None), "profile", {"ns": node.namespace, "node": node.name})
-
-
-def _add_rule(profile: XmlElement, kind: str, attribute: str, names: Iterable[str]) -> None:
-    from rosidl_py_gen.base.xml_reader import XmlElement
-    from rosidl_py_gen.security import ALLOW, RULES
-
-    rule = _child(profile, kind, {attribute: ALLOW})
-    tag, _ = RULES[kind]
-    rule.children += (XmlElement(tag, text=name) for name in names)
-
-
-def _child(parent: XmlElement, tag: str, attributes: dict[str, str] | None) -> XmlElement:
-    """Return the child element with a tag and exactly these attributes (None: any), created if it does not exist.
-
-    A rule with more attributes is not used: names added to such a rule would be allowed for more than a node does.
-    """
-    from rosidl_py_gen.base.xml_reader import XmlElement
-
-    for child in parent.elements:
-        names = {name: value for name, value in child.attributes.items() if not name.startswith("{")}
-        if child.tag == tag and (attributes is None or names == attributes):
-            return child
-    child = XmlElement(tag, dict(attributes or {}))
-    parent.children.append(child)
-    return child

@@ -20,9 +20,7 @@ from __future__ import annotations
 
 import os
 import re
-import stat
-import tempfile
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
@@ -32,6 +30,7 @@ from rosidl_py_gen.base import folder_trust
 from rosidl_py_gen.base.xml_reader import read_xml
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
+from rosidl_py_gen.security.files import is_readable_by_others, link, locked, write_file
 from rosidl_py_gen.security.policy import check_enclave_name, governance_xml, permissions_xml
 
 if TYPE_CHECKING:
@@ -42,78 +41,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.security.policy import PolicyEnclave
-
-
-def write_file(path: Path, data: bytes, *, is_private: bool = False) -> None:
-    """Write a file that only its owner can write, and that others can read as far as the umask permits.
-
-    Args:
-        is_private: True if only the owner can read the file.
-    """
-    temporary = ""
-    try:
-        descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=path.parent)  # with mode 0600
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        # mkstemp applies the umask, too, which may have removed permissions of the user.
-        os.chmod(temporary, 0o600 | (0 if is_private else 0o644 & ~umask))
-        os.replace(temporary, path)
-        temporary = ""
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        if temporary:
-            with suppress(OSError):
-                os.unlink(temporary)
-
-
-def link(path: Path, target: Path) -> None:
-    """Make `path` a relative symbolic link to `target`, unless both are the same file already."""
-    if path.exists() and target.exists() and path.samefile(target):
-        return
-    relative = os.path.relpath(target, path.parent)
-    temporary = str(path.with_name(f".new-{os.getpid()}-{path.name}"))
-    try:
-        os.symlink(relative, temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        hint = "; Windows needs Developer Mode for it" if os.name == "nt" else ""
-        text = f"{path}: cannot create a symbolic link to {relative}: {error.strerror}{hint}"
-        raise CommandError(text) from None
-    finally:
-        with suppress(OSError):
-            os.unlink(temporary)
-
-
-def is_readable_by_others(path: Path) -> bool:
-    """Return True if a file exists and its mode gives its group or other users any permission."""
-    with suppress(OSError):
-        return os.name != "nt" and bool(stat.S_IMODE(path.stat().st_mode) & 0o077)
-    return False
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a keystore in the block, so that other commands wait.
-
-    Has no effect if locks are not supported.
-    """
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
@@ -169,9 +96,22 @@ class Keystore:
             )
         return folder
 
+    @contextmanager
+    def changing(self, domain_id: int) -> Iterator[Keystore]:
+        """Lock the keystore against other commands, and yield it to a block that creates enclaves or permissions.
+
+        A note reports a governance without the domain. Raises `CommandError` if a required file is missing, or another
+        user may have changed the files of the authority.
+        """
+        self.require()
+        with locked(self.root):
+            self._require_own()
+            yield self
+        self._note_if_ungoverned(domain_id)
+
     # ---------------------------------------------------------------------------------------------------------- owners
 
-    def require_own(self) -> None:
+    def _require_own(self) -> None:
         """Raise `CommandError` if another user may have created or changed folders or files of the authority."""
         parent = self.root.absolute().parent
         if parent not in self._noted and (reason := folder_trust.distrust_reason(parent)):
@@ -223,7 +163,7 @@ class Keystore:
         """
         self._make_folder(self.root)
         with locked(self.root):
-            self.require_own()
+            self._require_own()
             if not self.missing_files():
                 raise CommandError(
                     f"{self.root}: a keystore exists already; choose another folder, or delete this one to make all "
@@ -388,7 +328,7 @@ class Keystore:
             return False
         return _NOT_RULES.sub("", former).split() != _NOT_RULES.sub("", text).split()
 
-    def note_if_ungoverned(self, domain_id: int) -> None:
+    def _note_if_ungoverned(self, domain_id: int) -> None:
         """Print a note if the governance lacks a domain, in which nodes then cannot start."""
         path = self.enclaves / "governance.xml"
         try:

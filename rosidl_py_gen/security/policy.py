@@ -17,11 +17,13 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
 from rosidl_py_gen.base.xml_reader import COMMENT, XmlElement, escape, read_xml
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, display_path
+from rosidl_py_gen.security.files import write_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -186,7 +188,7 @@ class PolicyEnclave:
 
     Attributes:
         grants: for each ``<profiles>`` element, the rules of all its profiles.
-        allows_everything: True if the rules come from `wildcard_enclave`.
+        allows_everything: True if the rules come from `without_limits`.
     """
 
     name: str
@@ -194,13 +196,92 @@ class PolicyEnclave:
     element: XmlElement
     allows_everything: bool = False
 
+    @classmethod
+    def without_limits(cls, name: str) -> PolicyEnclave:
+        """Return the rules of a new enclave, which allow all topics, services and actions.
+
+        Raises `InvalidNameError` if `name` cannot be the name of an enclave.
+        """
+        check_enclave_name(name)
+        rules = (PolicyRule(kind, dict.fromkeys(attributes, ALLOW), ("/*",)) for kind, (_, attributes) in RULES.items())
+        return cls(name, (tuple(rules),), XmlElement("enclave"), allows_everything=True)
+
 
 @dataclass(frozen=True, slots=True)
 class SecurityPolicy:
-    """Valid security policy: its enclaves by name, and its tree of XML elements."""
+    """Valid security policy: its tree of XML elements, and the enclaves by name that it had when it was read."""
 
     enclaves: dict[str, PolicyEnclave]
     root: XmlElement
+
+    @classmethod
+    def read(cls, path: str) -> SecurityPolicy:
+        """Read and validate a policy file. Raises `DefinitionError` with all problems of the policy."""
+        return _Validator().policy(read_policy_tree(path))
+
+    @classmethod
+    def empty(cls) -> SecurityPolicy:
+        """Return a policy without enclaves, to which profiles can be added."""
+        return cls({}, XmlElement("policy", {"version": VERSION}, children=[XmlElement("enclaves")]))
+
+    def add_profile(self, enclave: str, namespace: str, node: str) -> NodeProfile:
+        """Return the profile of a node in an enclave, which is created unless it exists.
+
+        Raises `InvalidNameError` if ROS does not allow one of the names.
+        """
+        from rosidl_py_gen.runtime import validate_namespace, validate_node_name
+
+        check_enclave_name(enclave)
+        validate_namespace(namespace)
+        validate_node_name(node)
+        parent = _child(_child(self.root, "enclaves", {}), "enclave", {"path": enclave})
+        profile = _child(_child(parent, "profiles", None), "profile", {"ns": namespace, "node": node})
+        return NodeProfile(profile, namespace, node)
+
+    def write(self, path: Path) -> None:
+        """Write the policy to a file, sorted and without repeated names, so that versions can be compared by line.
+
+        The order of metadata is kept. Raises `CommandError` if the file cannot be written.
+        """
+        write_file(path, xml_text(self.root, is_sorted=True).encode())
+
+
+@dataclass(frozen=True, slots=True)
+class NodeProfile:
+    """Profile of a node in a policy, to which names can be added that the node is allowed to use."""
+
+    element: XmlElement
+    namespace: str
+    node: str
+
+    def allow(self, kind: str, attribute: str, names: Iterable[str]) -> None:
+        """Allow the node an access (`attribute`), such as ``publish``, to names of a `kind`, such as ``topics``."""
+        rule = _child(self.element, kind, {attribute: ALLOW})
+        tag, _ = RULES[kind]
+        rule.children += (XmlElement(tag, text=self._relative(name)) for name in names)
+
+    def _relative(self, name: str) -> str:
+        """Return a name as programs write it: ``~/x`` below the node's name, ``x`` in its namespace, else in full."""
+        prefix = "/" if self.namespace == "/" else f"{self.namespace}/"
+        if name.startswith(f"{prefix}{self.node}/"):
+            return f"~{name[len(prefix) + len(self.node) :]}"
+        if self.namespace == "/":
+            return name[1:] if name.count("/") == 1 else name
+        return name.removeprefix(prefix)
+
+
+def _child(parent: XmlElement, tag: str, attributes: dict[str, str] | None) -> XmlElement:
+    """Return the child element with a tag and exactly these attributes (None: any), created if it does not exist.
+
+    A rule with more attributes is not used: names added to such a rule would be allowed for more than a node does.
+    """
+    for child in parent.elements:
+        names = {name: value for name, value in child.attributes.items() if not name.startswith("{")}
+        if child.tag == tag and (attributes is None or names == attributes):
+            return child
+    child = XmlElement(tag, dict(attributes or {}))
+    parent.children.append(child)
+    return child
 
 
 def check_enclave_name(name: str) -> None:
@@ -221,18 +302,6 @@ def check_enclave_name(name: str) -> None:
             f"at most {_MAX_COMMON_NAME}",
             name=name,
         )
-
-
-def read_policy(path: str) -> SecurityPolicy:
-    """Read and validate a policy file. Raises `DefinitionError` with all problems of the policy."""
-    root = read_policy_tree(path)
-    return _Validator().policy(root)
-
-
-def wildcard_enclave(name: str) -> PolicyEnclave:
-    """Return the rules of a new enclave, which allow all topics, services and actions."""
-    rules = (PolicyRule(kind, dict.fromkeys(attributes, ALLOW), ("/*",)) for kind, (_, attributes) in RULES.items())
-    return PolicyEnclave(name, (tuple(rules),), XmlElement("enclave"), allows_everything=True)
 
 
 def expand_name(expression: str, namespace: str, node: str) -> str:
@@ -358,14 +427,6 @@ class _Validator:
 
 
 # --------------------------------------------------------------------------------------------------------------- text
-
-
-def policy_text(root: XmlElement) -> str:
-    """Return the XML of a policy, sorted and without repeated names, so that versions can be compared line by line.
-
-    The order of metadata is kept.
-    """
-    return xml_text(root, is_sorted=True)
 
 
 def xml_text(root: XmlElement, *, is_sorted: bool = False) -> str:

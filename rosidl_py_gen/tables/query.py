@@ -20,6 +20,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import escape_json
 from rosidl_py_gen.tables.dataset_writer import TOPIC, StagedDataset, file_system, url_of
+from rosidl_py_gen.tables.multi_bag import find_bags, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -47,7 +48,25 @@ could not replace."""
 _ROWS_PER_FETCH = 1000
 
 
-def is_dataset(place: str) -> bool:
+def find_sources(places: Iterable[str]) -> tuple[dict[str, str], list[str]]:
+    """Return the places of bags by unique names, and the places of datasets, at paths and URLs, which may have ``*``.
+
+    Raises `BagError` if nothing is at one of the places.
+    """
+    found: list[str] = []
+    for place in places:
+        if not is_url(place) and os.path.exists(place):
+            found.append(place)
+            continue
+        sources, failed = find_bags([place])
+        for reason in failed.values():
+            raise BagError(reason)
+        found += (one.place for one in sources)
+    datasets = [place for place in found if _is_dataset(place)]
+    return names_of(place for place in found if place not in datasets), datasets
+
+
+def _is_dataset(place: str) -> bool:
     """Return True if a folder or URL was written by `write_dataset`."""
     system, path = file_system(place)
     with unreachable_as_error(place):
@@ -56,7 +75,7 @@ def is_dataset(place: str) -> bool:
         )
 
 
-def topics_in(query: str, topics: Sequence[str]) -> list[str]:
+def _topics_in(query: str, topics: Sequence[str]) -> list[str]:
     """Return the topics that a query may name.
 
     As SQL ignores case, all spellings match, and topics in the same case come first.
@@ -101,9 +120,11 @@ class Database:
         datasets: Iterable[str] = (),
         *,
         on_error: str = "raise",
-        progress: Callable[[int], None] | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> dict[str, str]:
         """Add the topics that a query names as tables, from bags by name and from datasets.
+
+        `progress` is called with the number of messages that are read, and the number of all messages of the topics.
 
         Returns the topics that were skipped, each with the reason. Raises `BagError` if the query cannot be parsed;
         other errors are as for `write_dataset`.
@@ -115,16 +136,18 @@ class Database:
             types = ", ".join(sorted({one.type_name for one in recorded}))
             self._known[topic] = types, sum(one.count or 0 for one in recorded)
         self._parse(query)
-        selected = topics_in(query, list(topics))
+        selected = _topics_in(query, list(topics))
         for topic, file in files:
             self._in_datasets.setdefault(topic, []).append(file)
             if topic in selected:
                 self._files.setdefault(topic, []).append(file)
+        recorded_topics = (bag.topics[topic] for bag in bags.values() for topic in selected if topic in bag.topics)
+        total = sum(topic.count or 0 for topic in recorded_topics)
         skipped: dict[str, str] = {}
         count = 0
         for name, bag in bags.items():
             own = [topic for topic in selected if topic in bag.topics]
-            on_count = None if progress is None else lambda own_count, before=count: progress(before + own_count)
+            on_count = None if progress is None else lambda own_count, before=count: progress(before + own_count, total)
             with StagedDataset(bag, self._folder.name, name, compression="lz4", folder_of=self._folder_of) as dataset:
                 dataset.read_bag(own, False, None, None, on_error, on_count)
                 dataset.commit()

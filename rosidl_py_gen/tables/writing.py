@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rosidl_py_gen import compile_definition, get_message, type_hash
+from rosidl_py_gen import compile_definition, encode, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagTopic
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -40,8 +40,36 @@ _MAX_TEXT = 200
 """Maximum characters of a name, type or value that an error text quotes."""
 
 
-def stream_of(table: object) -> Any:
-    """Return a ``pyarrow.RecordBatchReader`` of a table; raises `BagError` if the object is not a table."""
+class MessageTable:
+    """Table whose rows are converted to messages. Raises `BagError` if the object `table` is not a table."""
+
+    def __init__(self, table: object) -> None:
+        self._stream = _stream_of(table)
+
+    def topic_and_class(self, topic: str | None) -> tuple[BagTopic, type[Any]]:
+        """Return topic and message class from the table's schema metadata; raises `BagError` if these are missing.
+
+        `topic` replaces the topic of the metadata.
+        """
+        return _topic_of_schema(self._stream.schema, topic)
+
+    def encoded(self, cls: type[Any], topic: str) -> Iterator[tuple[bytes, int, int]]:
+        """Yield each row as an encoded message of a class, with log time and publish time; errors name `topic`.
+
+        Raises:
+            BagError: a column is wrong, or the table cannot be read.
+            EncodeError: a value is out of range; names the topic, the time and the field.
+        """
+        for message, log_time, publish_time in _messages_of(self._stream, cls, topic):
+            try:
+                data = encode(message)
+            except EncodeError as error:
+                path = f"{_short_text(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
+                raise EncodeError(path, printable(error.reason, _MAX_NAME)) from None
+            yield data, log_time, publish_time
+
+
+def _stream_of(table: object) -> Any:
     if isinstance(table, pa.RecordBatchReader):
         return table
     if not hasattr(table, "__arrow_c_stream__"):
@@ -52,11 +80,7 @@ def stream_of(table: object) -> Any:
         raise BagError(f"Arrow cannot read the table: {error}") from None
 
 
-def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]]:
-    """Return topic and message class from a table's schema metadata; raises `BagError` if it does not define them.
-
-    `topic` replaces the topic of the metadata.
-    """
+def _topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]]:
     metadata = {key: value.decode(errors="replace") for key, value in (table_schema.metadata or {}).items()}
     topic = topic or metadata.get(schema.TOPIC)
     name, definition, table_hash = (metadata.get(key, "") for key in (schema.TYPE, schema.DEFINITION, schema.HASH))
@@ -80,7 +104,7 @@ def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, typ
     return BagTopic(topic, name, definition, encoding, type_hash=type_hash(cls), offered_qos=qos), cls
 
 
-def messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, int, int]]:
+def _messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, int, int]]:
     """Yield each row of a table as a message with log time and publish time; raises `BagError` for a wrong column."""
     nodes = nodes_of(cls)
     count = 0
@@ -214,12 +238,6 @@ def _fields_of(node: ColumnNode, column: Any, path: str) -> Tree:
 def _class(node: ColumnNode) -> type[Any]:
     assert node.field.cls is not None
     return node.field.cls
-
-
-def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
-    """Return an encoding error with the topic and log time of the row added to its path."""
-    path = f"{_short_text(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
-    return EncodeError(path, printable(error.reason, _MAX_NAME))
 
 
 # -------------------------------------------------------------------------------------------------------------- values

@@ -13,11 +13,5 @@ from rosidl_py_gen.tf.transform import Transform as Transform
 
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
-from rosidl_py_gen.tf.frame_tree import ORIGIN as ORIGIN
-from rosidl_py_gen.tf.frame_tree import Quaternion as Quaternion
-from rosidl_py_gen.tf.frame_tree import Vector as Vector
-from rosidl_py_gen.tf.frame_tree import add as add
-from rosidl_py_gen.tf.frame_tree import normalized as normalized
-from rosidl_py_gen.tf.frame_tree import product as product
-from rosidl_py_gen.tf.frame_tree import rotate as rotate
+from rosidl_py_gen.tf.frame_tree import Pose as Pose
 from rosidl_py_gen.tf.frame_tree import without_slash as without_slash

@@ -18,13 +18,7 @@ from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters, blocking
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.message_filters import (
-    MessageFilter,
-    NoNodeScope,
-    call_all,
-    check_filters,
-    slop_to_ns,
-)
+from rosidl_py_gen.message_filters import MessageFilter, NoNodeScope, call_all
 from rosidl_py_gen.runtime import ClosedError, Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.frame_tree import (
     ExtrapolationError,
@@ -361,11 +355,11 @@ class TransformFilter(MessageFilter):
         for frame in self._targets:
             if not isinstance(frame, str) or not frame or frame.startswith("/"):
                 raise InvalidTransformError(f"expected a target frame, without / in front, got {frame!r:.100}")
-        self._tolerance = slop_to_ns("tolerance_s", tolerance_s)
+        self._tolerance = self._tolerance_ns("tolerance_s", tolerance_s)
         self._buffer, self._on_drop = buffer, on_drop
         self._pending: deque[_PendingMessage] = deque()
         self._lock = threading.Lock()
-        self._setup(callback, queue_size, check_filters("source", source))
+        self._setup(callback, queue_size, self._check_inputs("source", source))
         self._use_stamps(self.clear)
         self._links.append(buffer.register_callback(self._release_ready))
         self._links.append(source.register_callback(self.add))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
-from math import acos, isfinite, sin, sqrt
+from math import acos, cos, isfinite, sin, sqrt
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from rosidl_py_gen.base.names import did_you_mean
@@ -86,6 +86,33 @@ def normalized(q: Quaternion) -> Quaternion:
     """Return the quaternion scaled to length 1."""
     length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+
+
+class Pose(NamedTuple):
+    """Position and orientation of a frame in another frame."""
+
+    translation: Vector
+    rotation: Quaternion
+
+    @classmethod
+    def from_rpy(cls, roll: float, pitch: float, yaw: float, *, translation: Vector = ORIGIN) -> Pose:
+        """Return a pose turned by `roll` about x, then by `pitch` about y, then by `yaw` about z, all fixed axes."""
+        x = (sin(roll / 2), 0.0, 0.0, cos(roll / 2))
+        y = (0.0, sin(pitch / 2), 0.0, cos(pitch / 2))
+        z = (0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
+        return cls(translation, normalized(product(z, product(y, x))))
+
+    def moved(self, vector: Vector) -> tuple[Vector, Quaternion]:
+        """Return translation and rotation of the pose moved along a vector in its own frame."""
+        translation, rotation = self
+        return add(translation, rotate(rotation, vector)), rotation
+
+    def turned(self, axis: Vector, angle: float) -> tuple[Vector, Quaternion]:
+        """Return translation and rotation of the pose turned by radians about a unit vector in its own frame."""
+        x, y, z = axis
+        sine = sin(angle / 2)
+        translation, rotation = self
+        return translation, product(rotation, (x * sine, y * sine, z * sine, cos(angle / 2)))
 
 
 # --------------------------------------------------------------------------------------------------------------- frames

@@ -12,13 +12,11 @@ other thread, which waits for the lock.
 from __future__ import annotations
 
 import os
-import re
 import sys
 import threading
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
@@ -28,13 +26,13 @@ from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, has_installed_ros_packages, is_generated
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
-from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError, display_path
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError, TypeNotFoundError, display_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from importlib.machinery import ModuleSpec
 
-    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen import ModuleSources
     from rosidl_py_gen.compiler.frontend import InterfaceRegistry
 
 T = TypeVar("T")
@@ -119,76 +117,14 @@ def registry_of_text(name: str, text: str) -> InterfaceRegistry:
 
     Arguments and errors are as for `compile_definition`.
     """
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath, SourceText, check, raise_diagnostics
+    from rosidl_py_gen.compiler.frontend import registry_from_text
 
     if not isinstance(text, str):
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
     top = split_ros_name(name, "msg")
-    names: list[RosName] = []
     with _lock:
-        defaults = _registry(()).search
-    registry = InterfaceRegistry(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
-    for part, body, is_idl in _parts(top, text):
-        owner, kind = _text_owner(part, body, is_idl)
-        registry.add_text(owner, SourceText(f"<{part}>", body, kind))
-        names.append(owner)
-    check(registry, names)
-    raise_diagnostics(registry)
-    if registry.owner(top) is None or not registry.knows(str(top)):
-        raise DefinitionError(Diagnostic(f"<{top}>", 0, 0, f"the text does not define {top}"))
-    return registry
-
-
-def _text_owner(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
-    """Return the interface that a definition text of a bag for the type `name` defines, and the format of the text.
-
-    The text for a derived type (``X_Event``, ``A_FeedbackMessage``) is either the text of the service or action, or the
-    text of the derived message. The number of separators shows which.
-    """
-    from rosidl_py_gen.compiler.frontend import separators
-
-    if is_idl:
-        return name, "idl"
-    if separators(text) != {"msg": 0, "srv": 1, "action": 2}[name.kind]:
-        plain = separators(text) == 0 and "_" in name.name
-        return name, "msg" if plain else name.kind
-    if name.kind == "msg" or "_" not in name.name:
-        return name, name.kind
-    return name._replace(name=name.name.split("_")[0]), name.kind
-
-
-_SEPARATOR = re.compile(r"^=+[ \t]*$")
-_PART_NAME = re.compile(r"^(MSG|IDL|SRV):\s*(\S+)\s*$")
-
-
-def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
-    """Return the definitions in a concatenated text as tuples of name, text, and True for IDL.
-
-    The first has the name `top`. Raises `DefinitionError` for an invalid name. Locations count from the first line of
-    each definition.
-    """
-    lines = text.splitlines()
-    cuts = [
-        index
-        for index, line in enumerate(lines[:-1])
-        if len(line) >= 8 and _SEPARATOR.match(line) and _PART_NAME.match(lines[index + 1])
-    ]
-    bounds = [*cuts, len(lines)]
-    first = lines[: bounds[0]]
-    is_idl = any(re.match(r"\s*(module\s+\w+\s*\{|#include\b)", line) for line in first)
-    if cuts and cuts[0] == 0:
-        first = []
-    parts = [(top, "\n".join(first), is_idl)] if first or not cuts else []
-    for start, end in pairwise(bounds):
-        found = _PART_NAME.match(lines[start + 1])
-        assert found is not None
-        try:
-            part = split_ros_name(found[2], "msg")
-        except InvalidNameError as error:
-            problem = Diagnostic(f"<{top}>", start + 2, 1, str(error), lines[start + 1])
-            raise DefinitionError(problem) from error
-        parts.append((part, "\n".join(lines[start + 2 : end]), found[1] == "IDL"))
-    return parts
+        search = _registry(()).search
+    return registry_from_text(top, text, search)
 
 
 # --- by hash ----------------------------------------------------------------------------------------------------------
@@ -278,7 +214,7 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
     with _lock:
         registry = _registry(tuple(str(entry) for entry in folders), distro)
         package = registry.search.packages.get(name.package)
-        if package is None or package.origin == "bundled":
+        if package is None or package.is_bundled:
             for one in distribution_definitions(str(name)):
                 if one.type_hash == type_hash(cls) and DEFAULT not in one.distributions:
                     return f"bundled ({', '.join(one.distributions)})"
@@ -440,12 +376,10 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
 
     Returns None if the interface does not exist or its definition has errors.
     """
-    from rosidl_py_gen.compiler.frontend import read_checked
-
     with _lock:
         registry = _registry(())
         try:
-            read_checked(registry, name)
+            registry.read_checked(name)
         except TypeNotFoundError:
             return None
         except DefinitionError:
@@ -455,8 +389,6 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
 
 
 def _from_definitions(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type:
-    from rosidl_py_gen.compiler.frontend import read_checked
-
     registry = _registry(path, choice.name if choice.is_explicit else None)
     if choice.is_explicit:
         may_be_installed = name.package not in registry.search.packages
@@ -465,7 +397,7 @@ def _from_definitions(name: RosName, path: tuple[str, ...], choice: Distribution
     if may_be_installed and (cls := find_installed_class(name)) is not None:
         return cls
     try:
-        read_checked(registry, name)
+        registry.read_checked(name)
     except DefinitionError:  # discard incomplete interfaces, so that the next call reads them again
         _registries.clear()
         raise
@@ -481,23 +413,23 @@ def load_compiler() -> None:
 
     import numpy  # noqa: F401
 
-    from rosidl_py_gen.compiler.codegen import preload
-    from rosidl_py_gen.compiler.frontend import read_checked  # noqa: F401
+    from rosidl_py_gen.compiler.codegen import ModuleSources
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry  # noqa: F401
 
-    preload()
+    ModuleSources.preload()
 
 
 def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
     cls = find(registry, name)
     if cls is not None:  # the compiler is not needed
         return cls
-    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen import ModuleSources
 
-    planner = LayoutPlanner(registry.message)
+    sources = ModuleSources(registry)
 
     @cache  # comparing or planning a type costs as much as for all types that it refers to
     def get_class(part: RosName) -> type:
-        return find(registry, part) or _compile(registry, part, planner, get_class)
+        return find(registry, part) or _compile(registry, part, sources, get_class)
 
     return get_class(name)
 
@@ -529,29 +461,18 @@ def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> 
 
 
 def _compile(
-    registry: InterfaceRegistry, name: RosName, planner: LayoutPlanner, get_class: Callable[[RosName], type]
+    registry: InterfaceRegistry, name: RosName, sources: ModuleSources, get_class: Callable[[RosName], type]
 ) -> type:
-    from rosidl_py_gen.compiler.codegen import Target, module_path, module_source
-    from rosidl_py_gen.compiler.frontend import messages_of
-
     global _compilations
     _compilations += 1
-    root = f"{_MEMORY}.w{_compilations}."
     top = registry.owner(name)
-    interface = registry.interface(top) if top else None
-    assert top is not None and interface is not None
-    own = {str(top), *(str(message.name) for message in messages_of(interface))}
+    assert top is not None
 
-    def known(full_name: str) -> str | None:
-        """Return the module with the class of another type, which is compiled if necessary.
+    def known(full_name: str) -> str:
+        """Return the module with the class of another type, which is compiled if necessary."""
+        return get_class(split_ros_name(full_name)).__module__
 
-        Returns None for a type that this module defines.
-        """
-        return None if full_name in own else get_class(split_ros_name(full_name)).__module__
-
-    target = Target(root, known, registry.type_hash)
-    source = module_source(registry, top, planner, target)
-    module = _run(root + module_path(str(top)), source)
+    module = _run(*sources.module(top, f"{_MEMORY}.w{_compilations}.", known))
     for exported in module.__all__:
         cls = getattr(module, exported)
         _loaded.setdefault(cls._TYPE.name, []).append(cls)

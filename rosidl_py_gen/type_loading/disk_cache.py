@@ -1,6 +1,6 @@
 """Disk caches of compiled message modules, type descriptions, share folders and prefixes.
 
-Programs run cached code, so a process of this user must have written it. `cache_problem` checks this for every kind of
+Programs run cached code, so a process of this user must have written it. `_cache_problem` checks this for every kind of
 cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
 mode 0700 for any umask. Where files have no owners, as on Windows, no code is cached.
 
@@ -34,8 +34,10 @@ if TYPE_CHECKING:
 
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
 """Environment variable with the folder of all caches; the value ``off`` disables all caches."""
-KINDS = ("modules", "prefix", "share", "types")
+_KINDS = ("modules", "prefix", "share", "types")
 """Names of the folders in the folder of all caches, one for each kind of cache."""
+_CURE = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
+"""Advice for a cache folder that is not used because other users can change it."""
 Parts = dict[str, str]
 """Interfaces from which a cached module was compiled, by full name, each with the digest of its definition text."""
 _MAX_MODULES = 4000
@@ -46,7 +48,7 @@ MAX_DESCRIPTION_BYTES = 1 << 20
 _DESCRIPTION = ".cdr"
 
 
-def cache_home() -> Path | None:
+def _cache_home() -> Path | None:
     """Return the folder of all caches; None if caches are disabled."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen == "off":
@@ -66,13 +68,13 @@ def _platform_folder() -> Path:
     return Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
 
 
-def cache_problem(folder: Path) -> str:
+def _cache_problem(folder: Path) -> str:
     """Return a text that states why a cache folder must not be used; "" if no other user can change it.
 
     Args:
         folder: the folder of all caches or a folder in it; it may not exist.
     """
-    home = cache_home()
+    home = _cache_home()
     if home is None:
         return "caches are disabled"
     # The path first: until it is trusted, another user may replace what is checked next.
@@ -81,10 +83,18 @@ def cache_problem(folder: Path) -> str:
     return problem if problem or folder == home else folder_trust.own_folder_reason(folder)
 
 
+def cache_problems() -> list[tuple[str, str]]:
+    """Return a text about each problem that keeps caches from being used, with an advice for the user."""
+    home = _cache_home()
+    reasons = [] if home is None else [_cache_problem(home / kind) for kind in _KINDS]
+    text = f"the cache {home} is not used, so that no other user can make programs of this one run code"
+    return [(f"{text}: {reason}", _CURE) for reason in dict.fromkeys(filter(None, reasons))]
+
+
 def _usable_folder(kind: str) -> Path | None:
     """Return the folder for one kind of cached data, which may not exist yet; None if it must not be used."""
-    home = cache_home()
-    return None if home is None or cache_problem(home / kind) else home / kind
+    home = _cache_home()
+    return None if home is None or _cache_problem(home / kind) else home / kind
 
 
 def _make_usable(folder: Path) -> str:
@@ -92,13 +102,13 @@ def _make_usable(folder: Path) -> str:
 
     Returns a text that states why the folder must not be used, or "" if it can be used.
     """
-    if problem := cache_problem(folder):
+    if problem := _cache_problem(folder):
         return problem
     try:
         folder_trust.make_folder(folder)
     except (OSError, ValueError) as error:
         return f"{folder} cannot be created: {getattr(error, 'strerror', None) or error}"
-    return cache_problem(folder)  # in a folder as /tmp another user may have been faster
+    return _cache_problem(folder)  # in a folder as /tmp another user may have been faster
 
 
 def cached_folder(kind: str, words: Iterable[object]) -> Path:
@@ -108,7 +118,7 @@ def cached_folder(kind: str, words: Iterable[object]) -> Path:
     returned; in the second case with a warning. Raises OSError if no folder can be created.
     """
     name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
-    home = cache_home()
+    home = _cache_home()
     if home is not None:
         problem = _make_usable(home / kind)
         if not problem:
@@ -124,8 +134,8 @@ def is_usable(folder: Path) -> bool:
     """Return True if a folder that `cached_folder` returned exists, is in the caches, and cannot be entered by other
     users.
     """
-    home = cache_home()
-    if home is None or folder.parent.parent != home or cache_problem(folder.parent) or cache_problem(folder):
+    home = _cache_home()
+    if home is None or folder.parent.parent != home or _cache_problem(folder.parent) or _cache_problem(folder):
         return False
     return _is_private(folder)
 
@@ -145,7 +155,7 @@ def _claim(folder: Path) -> None:
     Afterwards, programs of the user may create folders of any mode in it, because other users cannot enter it.
     """
     folder_trust.make_folder(folder)
-    problem = cache_problem(folder)
+    problem = _cache_problem(folder)
     if not problem and not _is_private(folder):
         problem = folder_trust.entries_reason(folder, accepts_private_group=False)
         if not problem:
@@ -164,8 +174,7 @@ def warn_once(problem: str) -> None:
     """Warn, once in a process, that a cache cannot be used because of `problem` and that a temporary folder is used
     instead.
     """
-    cure = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
-    warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {cure}", stacklevel=4)
+    warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {_CURE}", stacklevel=4)
 
 
 @lru_cache(maxsize=1)

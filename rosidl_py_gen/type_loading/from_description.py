@@ -102,7 +102,7 @@ def definition_text(cls: type[Any]) -> str:
     it is made from the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
     `TypeNotFoundError` if that is not on the search path.
     """
-    from rosidl_py_gen.compiler.frontend import full_text
+    from rosidl_py_gen.compiler.frontend import DefinitionText
 
     name = split_ros_name(type_name(cls))
     registry = registry_of(name)
@@ -113,7 +113,7 @@ def definition_text(cls: type[Any]) -> str:
         elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
         registry = _registry(name, individual_descriptions(type_description(cls)), {}, is_event)
-    return full_text(registry, registry.owner(name) or name)
+    return DefinitionText(registry, registry.owner(name) or name).full
 
 
 def generated_names() -> dict[RosName, Path]:

@@ -228,7 +228,7 @@ class _Finder(Loader):
         override_installed: bool,
         choice: DistributionChoice,
     ) -> None:
-        from rosidl_py_gen.compiler.frontend import Workspace, workspace_around
+        from rosidl_py_gen.compiler.frontend import Workspace
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
         from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 
@@ -238,7 +238,7 @@ class _Finder(Loader):
         self._sources = [Path(entry).resolve() for entry in path]
         if workspace_of is not None and not os.path.exists(workspace_of):
             raise _wrong("workspace_of", "a script or a folder", workspace_of)
-        workspace = None if workspace_of is None else workspace_around(Path(workspace_of).resolve())
+        workspace = None if workspace_of is None else Workspace.around(Path(workspace_of).resolve())
         if workspace is not None:
             self._sources.append(workspace.folder)
             workspaces.append(workspace)

@@ -18,7 +18,7 @@ from rosidl_py_gen.type_loading.class_lookup import get_named_class
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen import ModuleSources
     from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
 
 _SERVICE_SUFFIXES = ("", "_Request", "_Response", "_Event")
@@ -47,7 +47,7 @@ class Interfaces:
         self._lock = threading.RLock()
         self._digests: dict[str, str] = {}
         self._registry: InterfaceRegistry | None = None
-        self._planner: LayoutPlanner | None = None
+        self._sources: ModuleSources | None = None
 
     def kinds(self, package: str) -> set[str]:
         """Return the kinds (msg, srv, action) of the interfaces in a package."""
@@ -122,20 +122,19 @@ class Interfaces:
         return self._digests[interface]
 
     def _compiled(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
-        from rosidl_py_gen.compiler.codegen import LayoutPlanner, Target, module_path, module_source
-        from rosidl_py_gen.compiler.frontend import InterfaceRegistry, read_checked
+        from rosidl_py_gen.compiler.codegen import ModuleSources
+        from rosidl_py_gen.compiler.frontend import InterfaceRegistry
 
-        if self._registry is None or self._planner is None:
+        if self._registry is None or self._sources is None:
             self._registry = InterfaceRegistry(self.search)
-            self._planner = LayoutPlanner(self._registry.message, rclpy=True)
+            self._sources = ModuleSources(self._registry, rclpy=True)
         registry = self._registry
         try:
-            read_checked(registry, name)
+            registry.read_checked(name)
         except BaseException:
             self._registry = None  # discard incomplete interfaces
             raise
-        target = Target("", lambda _: None, registry.type_hash)
-        source = module_source(registry, name, self._planner, target)
+        module, source = self._sources.module(name)
         owners = {registry.owner(split_ros_name(part)) for part in registry.all_hashes(str(name))}
         parts = {str(owner): self._digest(str(owner)) for owner in owners if owner is not None}
-        return parts, compile(source, f"<{module_path(str(name))}>", "exec")
+        return parts, compile(source, f"<{module}>", "exec")

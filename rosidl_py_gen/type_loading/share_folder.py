@@ -10,110 +10,22 @@ from __future__ import annotations
 
 import os
 import posixpath
-import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import pairwise, takewhile
 from pathlib import Path
 
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
-from rosidl_py_gen.compiler.frontend import UNKNOWN, CMakeScript, PackageBudget, UnreadableError, inside, read_text
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, read_text
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.type_loading.disk_cache import cached_folder
-from rosidl_py_gen.type_loading.setup_reader.setup_files import SetupFilesError, read_setup_files
+from rosidl_py_gen.type_loading.install_rules import Install, entry_names
+from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup, SetupFilesError
 
-_LIST_END = re.compile(
-    "DESTINATION|((FILE|DIRECTORY|USE_SOURCE)_)?PERMISSIONS|CONFIGURATIONS|COMPONENT|RENAME|OPTIONAL|TYPE|PATTERN|REGEX"
-    "|FILES_MATCHING|EXCLUDE_FROM_ALL|MESSAGE_NEVER"
-)
 _MAX_ENTRIES = 20_000
 """Maximum number of links in one share folder."""
 _Tree = dict[str, "Path | _Tree"]
-
-
-@dataclass(frozen=True)
-class Install:
-    """Install rule: ``install(FILES | PROGRAMS | DIRECTORY ...)`` of CMakeLists.txt, or an element of `data_files` of
-    setup.py.
-
-    Attributes:
-        folder: folder of the package.
-        kind: FILES, PROGRAMS or DIRECTORY.
-        paths: files and folders, relative to `folder`; a folder that ends with ``/`` is installed without its name.
-        destination: target folder, relative to the prefix.
-        rename: the new name of a file, or empty.
-        filters: of a DIRECTORY: patterns of file names, and True for patterns that exclude files.
-        only_matching: files of a DIRECTORY that match no pattern are not installed.
-    """
-
-    folder: Path
-    kind: str
-    paths: tuple[str, ...]
-    destination: str
-    rename: str = ""
-    filters: tuple[tuple[str, bool], ...] = ()
-    only_matching: bool = False
-
-    def files(self) -> Iterator[tuple[str, str]]:
-        """Yield two paths for each existing file that the rule installs: below `destination`, and below `folder`."""
-        for path in self.paths:
-            place = inside(path)
-            exists = Path.exists if self.kind == "DIRECTORY" else Path.is_file
-            if place is None or not exists(self.folder / place):
-                continue
-            if self.kind == "DIRECTORY" and path.endswith("/"):
-                yield from ((name, posixpath.join(place, name)) for name in _names(self.folder / place))
-            else:
-                yield self.rename or posixpath.basename(place), place
-
-
-def cmake_installs(folder: Path, script: CMakeScript) -> list[Install]:
-    """Return the install rules of a package's CMakeLists.txt.
-
-    A regular expression that filters files is assumed to match all files.
-    """
-    found = []
-    for name, words in script.calls:
-        texts = [word.text for word in words]
-        if name != "install" or texts[:1] not in (["FILES"], ["PROGRAMS"], ["DIRECTORY"]):
-            continue
-        paths = tuple(takewhile(lambda text: not _LIST_END.fullmatch(text), texts[1:]))
-        options = dict(pairwise(texts))
-        destination = options.get("DESTINATION", UNKNOWN)
-        named = zip(texts, texts[1:], [*texts[2:], ""], strict=False)
-        filters = tuple((pattern, after == "EXCLUDE") for word, pattern, after in named if word == "PATTERN")
-        only_matching = "FILES_MATCHING" in texts and "REGEX" not in texts
-        place, rename = posixpath.normpath(destination), options.get("RENAME", "")
-        found.append(Install(folder, texts[0], paths, place, rename, filters, only_matching))
-    return found
-
-
-def setup_installs(folder: Path, rows: object) -> list[Install]:
-    """Return the install rules for the argument `data_files` of a setup.py, whose value is `rows`.
-
-    Paths that cannot be determined are UNKNOWN.
-    """
-    tops = [os.path.join(os.path.abspath(folder), ""), os.path.join(os.path.realpath(folder), "")]
-
-    def source(path: object) -> str:
-        if not isinstance(path, str):
-            return UNKNOWN
-        return next((path[len(top) :] for top in tops if path.startswith(top)), path)
-
-    found = []
-    for row in rows if isinstance(rows, list) else [] if rows is None else [None]:
-        match row:
-            case [str(place), list(paths)]:
-                place = posixpath.normpath(re.sub(r"[\\/]+", "/", place))
-                found.append(Install(folder, "FILES", tuple(map(source, paths)), place))
-            case str(path):  # a file at the top of the prefix
-                found.append(Install(folder, "FILES", (source(path),), "."))
-            case _:
-                found.append(Install(folder, "FILES", (UNKNOWN,), UNKNOWN))
-    return found
 
 
 def share_folder(
@@ -130,7 +42,7 @@ def share_folder(
         interfaces: its interface files, if some are in other folders.
         problem: called with a text if setup.py computes paths that are not known, or a file cannot be read.
     """
-    tree: _Tree = {entry: folder / entry for entry in _names(folder)}
+    tree: _Tree = {entry: folder / entry for entry in entry_names(folder)}
     is_same = interfaces is None
     for kind in {interface.kind for interface in interfaces or ()}:
         tree[kind] = {path.name: path for interface, path in (interfaces or {}).items() if interface.kind == kind}
@@ -147,12 +59,6 @@ def share_folder(
     return made
 
 
-def _names(folder: Path) -> list[str]:
-    with suppress(OSError):
-        return sorted(entry for entry in os.listdir(folder) if not entry.startswith("."))
-    return []
-
-
 def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Iterator[tuple[str, Path]]:
     """Yield each file or folder that the package installs into its share folder: path below ``share/<name>`` and source
     path.
@@ -163,14 +69,14 @@ def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Itera
     uncertain = ""
     try:
         if (folder / "CMakeLists.txt").is_file():
-            installs += cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
+            installs += Install.of_cmake(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
     except UnreadableError as error:
         text = f"{name}: what {display_path(folder / 'CMakeLists.txt')} installs is not known: {error}"
         problem(f"{text}; the share folder has all files of the package at their places in the sources")
         budget.renew()
     try:
-        setup = read_setup_files(folder, budget)
-        installs += setup_installs(folder, setup.values.get("data_files"))
+        setup = PackageSetup.read(folder, budget)
+        installs += setup.data_files
         if "data_files" in setup.uncertain:
             place = display_path(folder / (setup.unread or "setup.py"))
             how = "" if setup.unread else " without running it"
@@ -205,7 +111,7 @@ def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
         if isinstance(below, Path):
             if below.joinpath(*parts[index:]) == source:
                 return True
-            below = {entry: below / entry for entry in _names(below)}
+            below = {entry: below / entry for entry in entry_names(below)}
         tree[part] = tree = below
     if tree.get(parts[-1]) == source:
         return True
@@ -232,7 +138,9 @@ def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
                 place.symlink_to(source)
         elif isinstance(source, dict) or (place.is_dir() and source.is_dir()):
             make_folder(place)
-            _link(source if isinstance(source, dict) else {one: source / one for one in _names(source)}, place, left)
+            _link(
+                source if isinstance(source, dict) else {one: source / one for one in entry_names(source)}, place, left
+            )
     for entry in folder.iterdir():
         if entry.is_symlink() and entry.name not in tree:
             entry.unlink(missing_ok=True)

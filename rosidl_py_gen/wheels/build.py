@@ -18,12 +18,11 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.base.xml_reader import read_xml
-from rosidl_py_gen.compiler.frontend import BUNDLED, INSTALLED
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.compiler.frontend import Package, SearchPath
@@ -43,7 +42,7 @@ class BuiltWheel:
     requires: tuple[str, ...]
 
 
-def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
+def _selected(search: SearchPath, wanted: list[str]) -> list[str]:
     """Return the names of the packages of which wheels are made: `wanted`, else the packages of the user's folders,
     else all.
 
@@ -53,7 +52,7 @@ def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]
             raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; expected one of {known}"))
-    own = [name for name, one in search.packages.items() if one.origin not in (BUNDLED, INSTALLED)]
+    own = [name for name, one in search.packages.items() if not (one.is_bundled or one.is_installed)]
     return sorted(wanted or own or search.packages)
 
 
@@ -64,24 +63,29 @@ def with_bundled(search: SearchPath, names: list[str]) -> SearchPath:
     Without this change a new installation would repeat the old one: installed wheels precede the bundled definitions,
     even after a change of ROS_DISTRO or an update of this package.
     """
-    bundled = {
-        one.name: one for one in search.hidden if one.origin == BUNDLED and one.name in (names or search.packages)
-    }
-    packages = {
-        name: bundled.get(name, one) if one.origin == INSTALLED else one for name, one in search.packages.items()
-    }
+    bundled = {one.name: one for one in search.hidden if one.is_bundled and one.name in (names or search.packages)}
+    packages = {name: bundled.get(name, one) if one.is_installed else one for name, one in search.packages.items()}
     return replace(search, packages=packages)
 
 
-def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
+def build(search: SearchPath, wanted: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
     """Write the wheels of packages, and of their dependencies that are not installed as wheels, into a folder.
 
-    Raises `DefinitionError` for problems of definitions or manifests, and OSError if `out` cannot be written.
+    Args:
+        search: search path of the packages.
+        wanted: names of packages; empty for the packages of the user's folders, or for all without such packages.
+        out: folder for the wheels.
+        dependencies: also make wheels of dependencies.
+
+    Raises:
+        DefinitionError: a package is not on the search path, or a definition or manifest has problems.
+        OSError: the folder cannot be written.
     """
+    packages = _selected(search, wanted)
+    if not wanted and len(packages) == len(search.packages):
+        search = with_bundled(search, packages)
     files, uses = _generated(search, packages)
-    chosen = [
-        name for name in files if name in packages or (dependencies and search.packages[name].origin != INSTALLED)
-    ]
+    chosen = [name for name in files if name in packages or (dependencies and not search.packages[name].is_installed)]
     out.mkdir(parents=True, exist_ok=True)
     return [_build(search, search.packages[name], files[name], uses[name], out) for name in chosen]
 
@@ -133,8 +137,7 @@ def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: 
     contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
     contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
     entry_points = {ENTRY_POINTS: {package.name: package.name}}
-    metadata = manifest_metadata(package.name.replace("_", "-"), manifest, requires)
-    made = write_wheel(out, package.name, files | contents, metadata, entry_points)
+    made = manifest.write_wheel(out, package.name, files | contents, entry_points, requires=requires)
     return BuiltWheel(package.name.replace("_", "-"), made, tuple(requires))
 
 
@@ -192,24 +195,6 @@ def _compatible_versions(version: str) -> str:
     return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
 
 
-def manifest_metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict[str, object]:
-    """Return the metadata for the wheel of a package, made from the package's package.xml."""
-    found: dict[str, object] = {
-        "name": name,
-        "version": manifest.version,
-        "summary": manifest.description[:500] or None,
-        "license": manifest.license or None,
-        "project_urls": [f"{label}, {url}" for label, url in manifest.urls if url],
-        "keywords": "ros2,rosidl",
-        "classifiers": ["Typing :: Typed"],
-        "requires_python": ">=3.10",
-        "requires_dist": requires,
-    }
-    for one in manifest.maintainers[:1]:
-        found["maintainer_email" if "<" in one else "maintainer"] = one
-    return found
-
-
 @dataclass(frozen=True, slots=True)
 class PackageManifest:
     """Contents of a package.xml whose version pip accepts; a maintainer is ``name <address>``, a name or an address."""
@@ -220,6 +205,36 @@ class PackageManifest:
     maintainers: tuple[str, ...]
     urls: tuple[tuple[str, str], ...]
     depends: tuple[str, ...]
+
+    def write_wheel(
+        self,
+        out: Path,
+        module: str,
+        files: Mapping[str, bytes],
+        entry_points: dict[str, dict[str, str]],
+        data: Mapping[str, bytes] | None = None,
+        programs: Collection[str] = (),
+        *,
+        requires: Sequence[str] = (),
+    ) -> Path:
+        """Write the wheel of the package with the metadata of its package.xml, as the function `write_wheel` does.
+
+        `requires` are the requirements of the wheel.
+        """
+        metadata: dict[str, object] = {
+            "name": module.replace("_", "-"),
+            "version": self.version,
+            "summary": self.description[:500] or None,
+            "license": self.license or None,
+            "project_urls": [f"{label}, {url}" for label, url in self.urls if url],
+            "keywords": "ros2,rosidl",
+            "classifiers": ["Typing :: Typed"],
+            "requires_python": ">=3.10",
+            "requires_dist": [*requires],
+        }
+        for one in self.maintainers[:1]:
+            metadata["maintainer_email" if "<" in one else "maintainer"] = one
+        return write_wheel(out, module, files, metadata, entry_points, data, programs)
 
 
 def read_manifest(folder: Path) -> PackageManifest:

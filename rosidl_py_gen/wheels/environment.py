@@ -1,7 +1,7 @@
 """Installation of message packages into this Python environment by pip, or by uv if the environment has no pip.
 
-`find_installer` returns the program. Without ``--force``, an installation is refused if it conflicts with a package of
-another tool or with a ROS installation, and a package with modified files is not uninstalled.
+`Installer.of_environment` returns the program. Without ``--force``, an installation is refused if it conflicts with a
+package of another tool or with a ROS installation, and a package with modified files is not uninstalled.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated
 from rosidl_py_gen.errors import OutputError
-from rosidl_py_gen.wheels.build import build
+from rosidl_py_gen.wheels.build import build, with_bundled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -49,6 +49,62 @@ class Installer:
     """Command line that installs requirements from the user's package index; the requirements are appended."""
     _unpack: tuple[str, ...]
     """Command line that downloads wheels from the user's package index; `unpack` appends target and requirements."""
+
+    @classmethod
+    def of_environment(cls) -> Installer:
+        """Return an installer: pip of this environment, else uv.
+
+        Raises `OutputError` if both are missing, or in a temporary environment.
+        """
+        if _is_ephemeral():
+            raise OutputError(
+                f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
+                "environment of your own, such as `uv venv` makes"
+            )
+        if find_spec("pip") is not None:
+            pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input")
+            return cls(
+                "pip",
+                (*pip, "install", "--no-deps", "--no-index", "--force-reinstall"),
+                (*pip, "uninstall", "--yes"),
+                (*pip, "install"),
+                (*pip, "install", "--no-deps", "--only-binary=:all:", "--require-hashes"),
+            )
+        if uv := _uv():
+            # Without a cache: uv links installed files to it, and a change of one would return with the next
+            # installation.
+            of_this = "--python", sys.executable, "--no-cache"
+            return cls(
+                "uv",
+                (
+                    *uv,
+                    "pip",
+                    "install",
+                    *of_this,
+                    "--no-deps",
+                    "--no-index",
+                    "--offline",
+                    "--reinstall",
+                    "--link-mode=copy",
+                ),
+                (*uv, "pip", "uninstall", *of_this),
+                (*uv, "pip", "install", "--python", sys.executable),
+                (
+                    *uv,
+                    "pip",
+                    "install",
+                    "--python",
+                    sys.executable,
+                    "--no-deps",
+                    "--only-binary=:all:",
+                    "--require-hashes",
+                ),
+            )
+        raise OutputError(
+            f"the environment {sys.prefix} has no pip, and there is no uv on PATH; expected one of them. "
+            f"`{shlex.quote(sys.executable)} -m ensurepip` adds pip. Or make wheels with `rosidl-py-gen wheel --out "
+            "dist` and install those with the tool of the environment"
+        )
 
     def install(self, *wheels: Path) -> None:
         """Install wheels without their dependencies; raises `OutputError` with the output of pip or uv on failure."""
@@ -105,52 +161,6 @@ class Installer:
         raise OutputError(f"{self.name} {action} failed: {output[-_MAX_OUTPUT_CHARS:]}")
 
 
-def find_installer() -> Installer:
-    """Return an installer: pip of this environment, else uv.
-
-    Raises `OutputError` if both are missing, or in a temporary environment.
-    """
-    if _is_ephemeral():
-        raise OutputError(
-            f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
-            "environment of your own, such as `uv venv` makes"
-        )
-    if find_spec("pip") is not None:
-        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input")
-        return Installer(
-            "pip",
-            (*pip, "install", "--no-deps", "--no-index", "--force-reinstall"),
-            (*pip, "uninstall", "--yes"),
-            (*pip, "install"),
-            (*pip, "install", "--no-deps", "--only-binary=:all:", "--require-hashes"),
-        )
-    if uv := _uv():
-        # Without a cache: uv links installed files to it, and a change of one would return with the next installation.
-        of_this = "--python", sys.executable, "--no-cache"
-        return Installer(
-            "uv",
-            (
-                *uv,
-                "pip",
-                "install",
-                *of_this,
-                "--no-deps",
-                "--no-index",
-                "--offline",
-                "--reinstall",
-                "--link-mode=copy",
-            ),
-            (*uv, "pip", "uninstall", *of_this),
-            (*uv, "pip", "install", "--python", sys.executable),
-            (*uv, "pip", "install", "--python", sys.executable, "--no-deps", "--only-binary=:all:", "--require-hashes"),
-        )
-    raise OutputError(
-        f"the environment {sys.prefix} has no pip, and there is no uv on PATH; expected one of them. "
-        f"`{shlex.quote(sys.executable)} -m ensurepip` adds pip. Or make wheels with `rosidl-py-gen wheel --out dist` "
-        "and install those with the tool of the environment"
-    )
-
-
 def _uv() -> tuple[str, ...]:
     """Return the command that runs uv, as a tuple of words: uv of this environment, else uv on PATH.
 
@@ -185,18 +195,22 @@ def installed_packages() -> dict[str, Distribution]:
     return found
 
 
-def install(search: SearchPath, packages: list[str], *, force: bool = False) -> list[str]:
+def install(search: SearchPath, wanted: list[str], *, force: bool = False) -> list[str]:
     """Make wheels of packages and of their dependencies, install them, and return ``name version`` of each.
 
-    With `force`, packages of other tools are replaced, and an importable rclpy is no error.
+    Args:
+        search: search path of the packages.
+        wanted: names of packages; empty for all.
+        force: replace packages of other tools, also if rclpy is importable.
 
     Raises:
         OutputError: rclpy or a package of another tool conflicts, the environment has no pip or uv, or it failed.
-        DefinitionError: a definition or package.xml is missing or invalid.
+        DefinitionError: a package is not on the search path, or its package.xml or a definition is missing or invalid.
     """
-    installer = find_installer()
+    installer = Installer.of_environment()
+    search = with_bundled(search, wanted)
     with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
-        built = build(search, packages, Path(folder))
+        built = build(search, wanted or [*search.packages], Path(folder))
         if not force:
             _check_no_conflict([one.path.name.split("-")[0] for one in built])
         installer.install(*(one.path for one in built))
@@ -217,7 +231,7 @@ def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]
         return []
     if not force and (changed := [text for name in chosen for text in _modified_files(known[name])]):
         raise OutputError(f"modified since the installation: {_listed(changed)}; --force removes them")
-    find_installer().uninstall(*(known[name].metadata["Name"] for name in chosen))
+    Installer.of_environment().uninstall(*(known[name].metadata["Name"] for name in chosen))
     return chosen
 
 

@@ -19,9 +19,9 @@ from zipfile import BadZipFile, ZipFile
 
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, DdscLibrary, LibraryWheel
+from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, LibraryWheel
 from rosidl_py_gen.wheels.build import write_wheel
-from rosidl_py_gen.wheels.environment import find_installer
+from rosidl_py_gen.wheels.environment import Installer
 
 if TYPE_CHECKING:
     import os
@@ -70,7 +70,7 @@ def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
     wheel = library.library_wheel()
     if wheel is None:
         raise OutputError(f"libddsc: no wheel of cyclonedds is recorded for this platform; {library.install_advice()}")
-    installer = find_installer()
+    installer = Installer.of_environment()
     with TemporaryDirectory(prefix="rosidl-py-gen-libddsc-") as folder:
         content, terms = fetch(wheel, Path(folder)) if file is None else read(wheel, Path(file))
         built = build(wheel, content, terms, Path(folder))
@@ -84,7 +84,7 @@ def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
     Raises `OutputError` if the download fails or the wheel lacks a file.
     """
     requirements, target = folder / "requirements.txt", folder / "wheel"
-    installer = find_installer()
+    installer = Installer.of_environment()
     if installer.name == "uv" and not library.has_gil_build():
         raise OutputError(
             "libddsc: uv selects only wheels for a free-threaded Python here, and cyclonedds has none; expected pip, "
@@ -166,6 +166,6 @@ def _check(wheel: LibraryWheel) -> str:
 
     importlib.invalidate_caches()
     found = library.load({})  # not cached: it failed before the installation
-    if isinstance(found, DdscLibrary):
-        return found.file
-    raise OutputError(f"libddsc: the library of {wheel.file} was installed, but does not load: {found}")
+    if isinstance(found, str):
+        raise OutputError(f"libddsc: the library of {wheel.file} was installed, but does not load: {found}")
+    return found.file

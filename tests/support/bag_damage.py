@@ -22,7 +22,7 @@ from typing import Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
-from rosidl_py_gen.bags.rewriting import reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex
 from rosidl_py_gen.errors import RosidlError
 
 String: Any = get_message("std_msgs/msg/String")
@@ -156,7 +156,7 @@ def kills(folder: Path, mode: str, count: int, seed: int = 1) -> dict[str, int]:
         figures["plain file and its compressed form"] += any(f"{one}.zstd" in names for one in names)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            done = reindex_folder(path)
+            done = reindex(path)
         again = found(path, 100_000, skip_damaged=False)
         assert again is not None and again[0] == answer[0] == done.messages, (path, again, answer, done)
         figures["killed"] += 1

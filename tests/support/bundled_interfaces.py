@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen import Message, get_message
-from rosidl_py_gen.compiler.frontend.model import messages_of
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics, select
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, select
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from support.reference_cdr import Reference
 
@@ -57,9 +56,9 @@ def message_names() -> tuple[str, ...]:
     """Return the names of all messages in `library`, including the messages of services and actions."""
     names = select(library(), [])
     check(library(), names)
-    raise_diagnostics(library())
+    library().raise_diagnostics()
     interfaces = [library().interface(name) for name in names]
-    return tuple(str(message.name) for one in interfaces if one is not None for message in messages_of(one))
+    return tuple(str(message.name) for one in interfaces if one is not None for message in one.messages)
 
 
 def message(name: str) -> type[Message]:

@@ -20,7 +20,7 @@ from rosidl_py_gen import compile_definition
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.frontend.model import SourceText
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from support.reference_cdr import NUMBERS, Reference
 
@@ -85,7 +85,7 @@ class World:
         for name, text in self.texts:
             library.add_text(split_ros_name(name), SourceText(f"<{name}>", text, "msg"))
         check(library, [split_ros_name(name) for name, _ in self.texts])
-        raise_diagnostics(library)
+        library.raise_diagnostics()
         return Reference(library.message)
 
     def __repr__(self) -> str:

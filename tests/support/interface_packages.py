@@ -15,11 +15,10 @@ from pathlib import Path
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.codegen.layout_plan import LayoutPlanner
-from rosidl_py_gen.compiler.codegen.module_sources import Target, module_source
+from rosidl_py_gen.compiler.codegen.module_sources import ModuleSources
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import GenerationResult, generate
 from rosidl_py_gen.errors import DefinitionError
@@ -76,7 +75,7 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
     for name, text in zip(names, definitions.values(), strict=True):
         library.add_text(name, SourceText(f"<{name}>", text, name.kind))
     check(library, names)
-    raise_diagnostics(library)
+    library.raise_diagnostics()
     return library
 
 
@@ -84,7 +83,7 @@ def source_of(definitions: Mapping[str, str]) -> str:
     """Return the generated module of the first definition."""
     library = texts(definitions)
     chosen = split_ros_name(next(iter(definitions)))
-    return module_source(library, chosen, LayoutPlanner(library.message), Target("", lambda _: None, library.type_hash))
+    return ModuleSources(library).module(chosen)[1]
 
 
 def problems_of(folder: Path, wanted: list[str] | None = None) -> list[str]:

@@ -30,7 +30,6 @@ from rosidl_py_gen.compiler.frontend.model import (
     MessageDef,
     ServiceDef,
     derived_name,
-    messages_of,
 )
 
 if TYPE_CHECKING:
@@ -253,7 +252,7 @@ class ModuleView(NamedTuple):
 
 def exported_names(interface: Interface) -> tuple[str, ...]:
     """Return the Python names of the public classes of an interface's module."""
-    names = [message.name.name for message in messages_of(interface)]
+    names = [message.name.name for message in interface.messages]
     match interface:
         case ServiceDef():
             names.append(interface.name.name)
@@ -264,7 +263,7 @@ def exported_names(interface: Interface) -> tuple[str, ...]:
 
 def module_view(interface: Interface, planner: LayoutPlanner, target: Target) -> ModuleView:
     """Return an interface's module as values for the module template."""
-    messages = messages_of(interface)
+    messages = interface.messages
     own = {str(message.name): py_name(message.name.name) for message in messages}
     fields = {py_name(item.name) for message in messages for item in message.fields}
     constants = {py_name(item.name) for message in messages for item in message.constants}
@@ -479,11 +478,6 @@ def _environment() -> Environment:
     return environment
 
 
-def preload() -> None:
-    """Import jinja2 and load the module template, to save time when the first module is rendered."""
-    _environment().get_template("module.py.jinja")
-
-
 def render(template: str, **values: object) -> str:
     """Return the text of the template with this name, rendered with the values as its variables."""
     return _environment().get_template(template).render(values)
@@ -498,6 +492,38 @@ def module_source(registry: InterfaceRegistry, name: RosName, planner: LayoutPla
         return render("module.py.jinja", module=module_view(interface, planner, target))
     names = sorted(exported_names(interface), key=sort_key)
     return render("alias.py.jinja", ros_name=str(name), origin=origin, names=names)
+
+
+class ModuleSources:
+    """Sources of the modules of checked interfaces in a registry; the layout of each message is planned once.
+
+    With `rclpy`, the classes have the API of rclpy's classes.
+    """
+
+    def __init__(self, registry: InterfaceRegistry, *, rclpy: bool = False) -> None:
+        self._registry = registry
+        self._planner = LayoutPlanner(registry.message, rclpy=rclpy)
+
+    def module(
+        self, name: RosName, root: str = "", known: Callable[[str], str | None] = lambda full_name: None
+    ) -> tuple[str, str]:
+        """Return the import path and the source of an interface's module.
+
+        Args:
+            name: the interface; it and all types that it refers to must be valid.
+            root: prefix of import paths; empty, or ending in a dot.
+            known: returns the module that already defines the class of another message, by full name; else None.
+        """
+        interface = self._registry.interface(name)
+        assert interface is not None, name
+        own = {str(name), *(str(message.name) for message in interface.messages)}
+        target = Target(root, lambda one: None if one in own else known(one), self._registry.type_hash)
+        return root + module_path(str(name)), module_source(self._registry, name, self._planner, target)
+
+    @staticmethod
+    def preload() -> None:
+        """Import jinja2 and load the module template, to save time when the first module is rendered."""
+        _environment().get_template("module.py.jinja")
 
 
 def package_sources(

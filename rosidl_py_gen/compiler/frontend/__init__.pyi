@@ -1,58 +1,36 @@
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
+from rosidl_py_gen.compiler.frontend.bag_text_reader import registry_from_text as registry_from_text
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages as bundled_packages
 from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces as changed_interfaces
-from rosidl_py_gen.compiler.frontend.bundled import is_absent as is_absent
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN as UNKNOWN
 from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript as CMakeScript
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside as inside
-from rosidl_py_gen.compiler.frontend.definition_text import expanded_lines as expanded_lines
-from rosidl_py_gen.compiler.frontend.definition_text import full_text as full_text
-from rosidl_py_gen.compiler.frontend.definition_text import source_text as source_text
-from rosidl_py_gen.compiler.frontend.interface_parser import separators as separators
+from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText as DefinitionText
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem as LiteralProblem
 from rosidl_py_gen.compiler.frontend.literal_values import file_scalar as file_scalar
 from rosidl_py_gen.compiler.frontend.literal_values import split_strings as split_strings
 from rosidl_py_gen.compiler.frontend.model import DERIVED_TYPES_PACKAGES as DERIVED_TYPES_PACKAGES
-from rosidl_py_gen.compiler.frontend.model import ActionDef as ActionDef
 from rosidl_py_gen.compiler.frontend.model import ConstantDef as ConstantDef
 from rosidl_py_gen.compiler.frontend.model import FieldDef as FieldDef
 from rosidl_py_gen.compiler.frontend.model import MessageDef as MessageDef
-from rosidl_py_gen.compiler.frontend.model import ServiceDef as ServiceDef
-from rosidl_py_gen.compiler.frontend.model import SourceText as SourceText
-from rosidl_py_gen.compiler.frontend.model import messages_of as messages_of
-from rosidl_py_gen.compiler.frontend.model import nested_types as nested_types
-from rosidl_py_gen.compiler.frontend.model import sections_of as sections_of
 from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH as MAX_FOLDER_DEPTH
 from rosidl_py_gen.compiler.frontend.package_files import BudgetError as BudgetError
 from rosidl_py_gen.compiler.frontend.package_files import PackageBudget as PackageBudget
-from rosidl_py_gen.compiler.frontend.package_files import Stamp as Stamp
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError as UnreadableError
 from rosidl_py_gen.compiler.frontend.package_files import files_below as files_below
-from rosidl_py_gen.compiler.frontend.package_files import mentions_interfaces as mentions_interfaces
 from rosidl_py_gen.compiler.frontend.package_files import note as note
 from rosidl_py_gen.compiler.frontend.package_files import read_package_manifest as read_package_manifest
 from rosidl_py_gen.compiler.frontend.package_files import read_text as read_text
 from rosidl_py_gen.compiler.frontend.package_files import recorded as recorded
 from rosidl_py_gen.compiler.frontend.package_files import stamp as stamp
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry as InterfaceRegistry
-from rosidl_py_gen.compiler.frontend.registry import check as check
-from rosidl_py_gen.compiler.frontend.registry import raise_diagnostics as raise_diagnostics
-from rosidl_py_gen.compiler.frontend.registry import read_checked as read_checked
-from rosidl_py_gen.compiler.frontend.registry import resolve_name as resolve_name
-from rosidl_py_gen.compiler.frontend.registry import split_filter as split_filter
-from rosidl_py_gen.compiler.frontend.search_path import BUNDLED as BUNDLED
-from rosidl_py_gen.compiler.frontend.search_path import INSTALLED as INSTALLED
-from rosidl_py_gen.compiler.frontend.search_path import MANIFEST as MANIFEST
 from rosidl_py_gen.compiler.frontend.search_path import Package as Package
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath as SearchPath
 from rosidl_py_gen.compiler.frontend.search_path import Workspace as Workspace
-from rosidl_py_gen.compiler.frontend.search_path import holds_interfaces as holds_interfaces
 from rosidl_py_gen.compiler.frontend.search_path import holds_packages as holds_packages
-from rosidl_py_gen.compiler.frontend.search_path import missing_package as missing_package
 from rosidl_py_gen.compiler.frontend.search_path import package_around as package_around
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path as scan_search_path
-from rosidl_py_gen.compiler.frontend.search_path import workspace_around as workspace_around
 from rosidl_py_gen.compiler.frontend.type_description_reader import (
     registry_from_descriptions as registry_from_descriptions,
 )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import RosName, is_constant_name, is_field_name, split_ros_name
-from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef, sections_of
+from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 if TYPE_CHECKING:
@@ -27,38 +27,61 @@ type twice would double the text at every level."""
 _SEPARATOR = "=" * 80
 
 
-def source_text(registry: InterfaceRegistry, owner: RosName) -> str:
-    """Return the text of an interface's file, with a line break at the end; raises `TypeNotFoundError`."""
-    interface = registry.interface(owner)
+class DefinitionText:
+    """Texts of the definition of a checked interface, for display and for bags."""
+
+    def __init__(self, registry: InterfaceRegistry, name: RosName) -> None:
+        self._registry, self._name = registry, name
+
+    @property
+    def source(self) -> str:
+        """Text of the interface's file, with a line break at the end; raises `TypeNotFoundError`."""
+        return _source(self._registry, self._name)
+
+    @property
+    def full(self) -> str:
+        """ros2msg text of the interface and its types for bags and MCAP files; `compile_definition` reads the text.
+
+        Definitions of .idl files are converted to the notation of .msg files, the only one that most readers of bags
+        support. A definition with names that .msg files do not allow stays IDL below a header; if the interface has
+        such a definition, the whole text is ros2idl text.
+        """
+        texts = []
+        registry, top = self._registry, self._name
+        for name in map(split_ros_name, registry.closure(str(top))):
+            if name == top or name.kind == "msg":
+                if _must_stay_idl(registry, name):
+                    texts.append(f"{_SEPARATOR}\nIDL: {name}\n{_source(registry, name)}")
+                else:
+                    head = "" if name == top else f"{_SEPARATOR}\nMSG: {name.package}/{name.name}\n"
+                    texts.append(head + _file_text(registry, name))
+        return "".join(texts)
+
+    def expanded_lines(self, *, comments: bool = True, nested_comments: bool = False) -> list[str]:
+        """Return the lines of the definition; below a field of a message type follow the lines of that type, indented.
+
+        Without comments there are no empty lines. Raises `DefinitionError` for more than `MAX_LINES`.
+        """
+        lines = [*islice(_expanded(self._registry, self._name, comments, nested_comments), MAX_LINES + 1)]
+        if len(lines) > MAX_LINES:
+            text = f"has more than {MAX_LINES} lines with all types it uses"
+            raise DefinitionError(Diagnostic(str(self._name), 0, 0, text))
+        return lines
+
+
+def _source(registry: InterfaceRegistry, name: RosName) -> str:
+    interface = registry.interface(name)
     if interface is None:
-        raise TypeNotFoundError(f"no interface {owner}")
+        raise TypeNotFoundError(f"no interface {name}")
     text = interface.source.text
     return text if text.endswith("\n") else text + "\n"
-
-
-def full_text(registry: InterfaceRegistry, top: RosName) -> str:
-    """Return the ros2msg text of an interface and its types for bags and MCAP files; `compile_definition` reads it.
-
-    Definitions of .idl files are converted to the notation of .msg files, the only one that most readers of bags
-    support. A definition with names that .msg files do not allow stays IDL below a header; if `top` is such a
-    definition, the whole text is ros2idl text.
-    """
-    texts = []
-    for name in map(split_ros_name, registry.closure(str(top))):
-        if name == top or name.kind == "msg":
-            if _must_stay_idl(registry, name):
-                texts.append(f"{_SEPARATOR}\nIDL: {name}\n{source_text(registry, name)}")
-            else:
-                head = "" if name == top else f"{_SEPARATOR}\nMSG: {name.package}/{name.name}\n"
-                texts.append(head + _file_text(registry, name))
-    return "".join(texts)
 
 
 def _must_stay_idl(registry: InterfaceRegistry, name: RosName) -> bool:
     interface = registry.interface(name)
     if interface is None or interface.source.format != "idl":
         return False
-    sections = sections_of(interface)
+    sections = interface.sections
     has_valid_fields = all(is_field_name(item.name) for section in sections for item in section.fields)
     return not (
         has_valid_fields and all(is_constant_name(item.name) for section in sections for item in section.constants)
@@ -69,21 +92,8 @@ def _file_text(registry: InterfaceRegistry, name: RosName) -> str:
     """Return the text of an interface's file; IDL, derived messages and type descriptions become .msg notation."""
     interface = registry.interface(name)
     if interface is not None and interface.source.text and interface.source.format != "idl":
-        return source_text(registry, name)
+        return _source(registry, name)
     return "".join(f"{line}\n" for line, _ in _lines(registry, name))
-
-
-def expanded_lines(
-    registry: InterfaceRegistry, name: RosName, *, comments: bool = True, nested_comments: bool = False
-) -> list[str]:
-    """Return the lines of a definition; below a field of a message type follow the lines of that type, indented.
-
-    Without comments there are no empty lines. Raises `DefinitionError` for more than `MAX_LINES`.
-    """
-    lines = [*islice(_expanded(registry, name, comments, nested_comments), MAX_LINES + 1)]
-    if len(lines) > MAX_LINES:
-        raise DefinitionError(Diagnostic(str(name), 0, 0, f"has more than {MAX_LINES} lines with all types it uses"))
-    return lines
 
 
 def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested_comments: bool) -> Iterator[str]:
@@ -102,13 +112,13 @@ def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, Fi
     message = registry.message(str(name))
     interface = registry.interface(name)
     if interface is None or interface.source.format == "idl" or not interface.source.text:
-        sections = sections_of(interface) if interface is not None else (message,) if message is not None else ()
+        sections = interface.sections if interface is not None else (message,) if message is not None else ()
         for number, section in enumerate(sections):
             if number:
                 yield "---", None
             yield from _msg_lines(section)
         return
-    fields = {item.location.line: item for section in sections_of(interface) for item in section.fields}
+    fields = {item.location.line: item for section in interface.sections for item in section.fields}
     for number, line in enumerate(interface.source.text.splitlines(), 1):
         yield line.rstrip(), fields.get(number)
 

@@ -125,6 +125,16 @@ class MessageDef(NamedTuple):
     comment: tuple[str, ...]
     source: SourceText
 
+    @property
+    def sections(self) -> tuple[MessageDef, ...]:
+        """The messages that the file of the interface defines, without the messages that ROS derives from them."""
+        return (self,)
+
+    @property
+    def messages(self) -> tuple[MessageDef, ...]:
+        """All messages of the interface, with derived messages after the messages that they refer to."""
+        return (self,)
+
 
 class ServiceDef(NamedTuple):
     """Definition of a service; its event message is derived from the sections (docs/internals/protocol.md 1.6)."""
@@ -168,20 +178,10 @@ class ActionDef(NamedTuple):
 Interface = MessageDef | ServiceDef | ActionDef
 
 
-def messages_of(interface: Interface) -> tuple[MessageDef, ...]:
-    """Return all messages of an interface, with derived messages after the messages that they refer to."""
-    return (interface,) if isinstance(interface, MessageDef) else interface.messages
-
-
-def sections_of(interface: Interface) -> tuple[MessageDef, ...]:
-    """Return the messages that the file of an interface defines, without the messages that ROS derives from them."""
-    return (interface,) if isinstance(interface, MessageDef) else interface.sections
-
-
 def nested_types(interface: Interface) -> set[str]:
     """Return the full names of the message types in an interface's fields, except for the interface's own messages."""
-    own = {str(message.name) for message in messages_of(interface)}
-    fields = (item for message in messages_of(interface) for item in message.fields)
+    own = {str(message.name) for message in interface.messages}
+    fields = (item for message in interface.messages for item in message.fields)
     return {item.type.base for item in fields if item.type.is_message} - own
 
 

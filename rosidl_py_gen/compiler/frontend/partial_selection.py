@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.frontend.model import messages_of, nested_types
+from rosidl_py_gen.compiler.frontend.model import nested_types
 from rosidl_py_gen.compiler.frontend.registry import type_location
 from rosidl_py_gen.errors import Diagnostic, display_path
 
@@ -97,7 +97,7 @@ def _users(registry: InterfaceRegistry, names: list[RosName]) -> dict[RosName, d
         if interface is None:
             continue
         nested = nested_types(interface)
-        for item in (item for message in messages_of(interface) for item in message.fields):
+        for item in (item for message in interface.messages for item in message.fields):
             if item.type.base in nested:
                 need = split_ros_name(item.type.base)
                 users.setdefault(registry.owner(need) or need, {}).setdefault(name, item)

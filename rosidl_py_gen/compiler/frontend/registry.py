@@ -1,8 +1,7 @@
 """Registry of the interfaces of a search path: parses, selects and checks definitions.
 
 `InterfaceRegistry` parses on demand and never twice. `select` converts the user's filter to interfaces and adds their
-dependencies. `check` reports references to types that do not exist, and types that contain themselves. `resolve_name`
-and `read_checked` find and check one interface.
+dependencies. `check` reports references to types that do not exist, and types that contain themselves.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from rosidl_py_gen.base.descriptions import (
     individual_descriptions,
     service_rows,
 )
-from rosidl_py_gen.base.names import INTERFACE_RULE, KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import (
@@ -32,10 +31,9 @@ from rosidl_py_gen.compiler.frontend.model import (
     Interface,
     Location,
     MessageDef,
-    messages_of,
+    ServiceDef,
     nested_types,
 )
-from rosidl_py_gen.compiler.frontend.search_path import missing_interface, missing_package
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_LEVELS, SizeChecker
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError, display_path
 
@@ -178,33 +176,50 @@ class InterfaceRegistry:
             name: {item.name: repr(item.value) for item in one.constants} if one else {} for name, one in found.items()
         }
 
+    def nested_types(self, name: RosName) -> list[RosName]:
+        """Return the sorted names of the message types in an interface's fields, without the interface's own
+        messages.
+        """
+        interface = self.interface(name)
+        return [] if interface is None else sorted(map(split_ros_name, nested_types(interface)))
+
+    def parts(self, name: RosName) -> list[str]:
+        """Return the full names of the messages and services that are parts of a service or action; [] for
+        a message.
+        """
+        interface = self.interface(name)
+        if not isinstance(interface, ServiceDef | ActionDef):
+            return []
+        services = (interface.send_goal, interface.get_result) if isinstance(interface, ActionDef) else ()
+        return [str(one.name) for one in (*interface.messages, *services)]
+
+    def read_checked(self, name: RosName) -> RosName:
+        """Check the interface that defines a type, and return its name: X for a derived type such as ``X_Request``.
+
+        Raises:
+            TypeNotFoundError: no interface has this name.
+            DefinitionError: the interface or a type that it uses has errors.
+        """
+        owner = self.owner(name)
+        if owner is None:
+            raise TypeNotFoundError(self.search.missing_interface(name, f"no interface {name}"))
+        check(self, [owner])
+        self.raise_diagnostics()
+        if not self.knows(str(name)):
+            raise TypeNotFoundError(self.search.missing_interface(name, f"no interface {name}"))
+        return owner
+
+    def raise_diagnostics(self) -> None:
+        """Raise `DefinitionError` with the diagnostics, if there are any."""
+        if self.diagnostics.items:
+            raise DefinitionError(sorted_diagnostics(self.diagnostics.items))
+
     def _store(self, name: RosName, interface: Interface | None) -> Interface | None:
         self._interfaces[name] = interface
         if interface is not None:
-            for message in messages_of(interface):
+            for message in interface.messages:
                 self._messages[str(message.name)] = message
         return interface
-
-
-def resolve_name(search: SearchPath, text: str) -> RosName:
-    """Return the interface that a user's text names: ``pkg/msg/Name``, ``pkg/Name``, or ``Name`` of a single package.
-
-    Raises:
-        InvalidNameError: the text is not a valid name.
-        TypeNotFoundError: several interfaces have the name.
-    """
-    if "/" in text:
-        kinds = (kind for kind in KINDS if search.file(split_ros_name(text, kind)) is not None)
-        return split_ros_name(text, next(kinds, "msg"))
-    found = [name for package in search.packages.values() for name in package.files if name.name == text]
-    if len(found) > 1:
-        raise TypeNotFoundError(f'"{text}" may be {", ".join(map(str, found))}')
-    return found[0] if found else split_ros_name(text)
-
-
-def split_filter(text: str) -> list[str]:
-    """Return the names in a filter such as ``a:b;c``, which are separated by colons, semicolons or commas."""
-    return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
 
 
 def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
@@ -232,14 +247,14 @@ def select_valid_names(registry: InterfaceRegistry, wanted: list[str]) -> tuple[
         if "/" in text:
             name = split_ros_name(text, "msg")
             if search.file(name) is None:
-                problems.append(Diagnostic(text, 0, 0, missing_interface(search, name, "no interface of this name")))
+                problems.append(Diagnostic(text, 0, 0, search.missing_interface(name, "no interface of this name")))
             else:
                 single[name] = None
         elif text in search.packages:
             whole[text] = None
         else:
             refused = search.refused.get(text)
-            problems.append(refused or Diagnostic(text, 0, 0, missing_package(search, text, "no package")))
+            problems.append(refused or Diagnostic(text, 0, 0, search.missing_package(text, "no package")))
     if not wanted:
         problems += search.refused.values()
     return _transitive_closure(registry, list(whole), list(single)), problems
@@ -258,19 +273,14 @@ def _transitive_closure(registry: InterfaceRegistry, packages: list[str], names:
             registry.diagnostics.items += files.listing.problems if files.listing else ()
             for name in files.files:
                 closure.add(name)
-                needed = {need.package for need in _dependencies(registry, name)} | set(IMPLIED[name.kind])
+                needed = {need.package for need in registry.nested_types(name)} | set(IMPLIED[name.kind])
                 packages += sorted(need for need in needed - done if need in registry.search.packages)
             continue
         name = names.pop()
         if name not in closure and registry.search.file(name) is not None:
             closure.add(name)
-            names += _dependencies(registry, name)
+            names += registry.nested_types(name)
     return sorted(closure)
-
-
-def _dependencies(registry: InterfaceRegistry, name: RosName) -> list[RosName]:
-    interface = registry.interface(name)
-    return sorted(map(split_ros_name, nested_types(interface))) if interface is not None else []
 
 
 def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
@@ -280,7 +290,7 @@ def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
     for name in names:
         interface = registry.interface(name)
         if interface is not None:
-            for message in messages_of(interface):
+            for message in interface.messages:
                 _visit(registry, message, state, sizes)
             sizes.check_interface(interface)
 
@@ -326,7 +336,7 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
     elif package is None and registry.is_first_report(item.location.source.path, name.package):
         subject = f'unknown package "{name.package}" for {short}'
         is_first = registry.is_first_report("", name.package)
-        text = missing_package(registry.search, name.package, subject, str(name)) if is_first else subject
+        text = registry.search.missing_package(name.package, subject, str(name)) if is_first else subject
         registry.diagnostics.add(at, text)
     elif package is not None:
         hint = package.not_in_cmake_note(name) or other_distributions_note(name.package, name)
@@ -355,29 +365,6 @@ def type_location(item: FieldDef) -> Location:
     .idl file.
     """
     return item.location if item.location.source.format == "idl" else item.location._replace(column=1)
-
-
-def raise_diagnostics(registry: InterfaceRegistry) -> None:
-    """Raise `DefinitionError` with the diagnostics of a registry, if there are any."""
-    if registry.diagnostics.items:
-        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items))
-
-
-def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
-    """Check the interface that defines a type, and return its name: X for a derived type such as ``X_Request``.
-
-    Raises:
-        TypeNotFoundError: no interface has this name.
-        DefinitionError: the interface or a type that it uses has errors.
-    """
-    owner = registry.owner(name)
-    if owner is None:
-        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
-    check(registry, [owner])
-    raise_diagnostics(registry)
-    if not registry.knows(str(name)):
-        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
-    return owner
 
 
 def sorted_diagnostics(problems: Iterable[Diagnostic]) -> list[Diagnostic]:

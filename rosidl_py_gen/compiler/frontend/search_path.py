@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
-from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, did_you_mean, is_package_name
+from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, did_you_mean, is_package_name, split_ros_name
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import ENTRY_POINTS, ROS_PACKAGE_INDEX, has_installed_ros_packages, is_generated
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
@@ -36,7 +36,7 @@ from rosidl_py_gen.compiler.frontend.package_files import (
     note,
     read_package_manifest,
 )
-from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError, display_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.cmake_interfaces import CMakeInterfaceList
 
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
-INSTALLED = "installed"
+_INSTALLED = "installed"
 """Value of `Package.origin` for packages that pip installed."""
-BUNDLED = "bundled"
+_BUNDLED = "bundled"
 """Value of `Package.origin` for packages bundled with the product."""
 _MAX_DEPTH = 100
 """Maximum depth of folders that are searched for packages; deeper folders would exceed Python's limit of recursion, and
@@ -70,6 +70,25 @@ class Package:
     known_files: dict[RosName, Path] | None = None
     """Interface files of the package, if they are not exactly the files of `folder`; None means the files of `folder`.
     """
+
+    @classmethod
+    def of_sources(cls, name: str, folder: Path) -> Package | None:
+        """Return the interface package in a source folder; None if the folder has no interfaces, or for an invalid
+        name.
+        """
+        if not is_package_name(name) or not (holds_interfaces(folder) or mentions_interfaces(folder)):
+            return None
+        return cls(name, folder, "", from_source=True)
+
+    @property
+    def is_bundled(self) -> bool:
+        """True if the package is bundled with rosidl-py-gen."""
+        return self.origin == _BUNDLED
+
+    @property
+    def is_installed(self) -> bool:
+        """True if pip installed the package."""
+        return self.origin == _INSTALLED
 
     @cached_property
     def listing(self) -> CMakeInterfaceList | None:
@@ -129,6 +148,72 @@ class SearchPath:
         package = self.packages.get(name.package)
         return package.files.get(name) if package else None
 
+    def resolve(self, text: str) -> RosName:
+        """Return the interface that a user's text names: ``pkg/msg/Name``, ``pkg/Name``, or ``Name`` of one package.
+
+        Raises:
+            InvalidNameError: the text is not a valid name.
+            TypeNotFoundError: several interfaces have the name.
+        """
+        if "/" in text:
+            kinds = (kind for kind in KINDS if self.file(split_ros_name(text, kind)) is not None)
+            return split_ros_name(text, next(kinds, "msg"))
+        found = [name for package in self.packages.values() for name in package.files if name.name == text]
+        if len(found) > 1:
+            raise TypeNotFoundError(f'"{text}" may be {", ".join(map(str, found))}')
+        return found[0] if found else split_ros_name(text)
+
+    def notes(self, names: Iterable[RosName]) -> list[Diagnostic]:
+        """Return notes on assumptions that were made about the CMakeLists.txt of the packages of some interfaces."""
+        listings = (self.packages[package].listing for package in sorted({name.package for name in names}))
+        return [note for listing in listings if listing for note in listing.notes]
+
+    def missing_package(self, package: str, subject: str, type_name: str = "") -> str:
+        """Return an error text, beginning with `subject`, for a package that the search path lacks.
+
+        `type_name` is the full name of the interface that was requested; empty for the whole package.
+        """
+        where = f"(searched: {', '.join(self.searched) or 'nothing'})"
+        if note := other_distributions_note(package):
+            return f"{subject}{note} {where}"
+        searched = [Path(entry) for entry in self.searched if os.path.isdir(entry)]
+        here = Path()
+        for root in (*searched, *(root / "share" / package for root in searched), here):
+            place = _find(root, package)
+            if place is None:
+                continue
+            shown = display_path(place.folder)
+            if place.mark is not None:
+                return f"{subject}: {shown} is ignored because of {display_path(place.mark)}; remove that file {where}"
+            if not place.has_interfaces:
+                return f"{subject} with interfaces: {shown} has no .msg, .srv, .action or .idl file {where}"
+            if root is here:
+                return f"{subject} on the search path, but {shown} has it; use --path . {where}"
+        module = _generated_package(package)
+        if module is not None and type_name:
+            text = f"the importable package {display_path(module)} has no {type_name}"
+            return f"{subject}: {text}; generate it again {where}"
+        if module is not None:
+            return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
+        named = (name for name in DISTRIBUTIONS if f"{_BUNDLED} ({name})" in self.searched)
+        distro = next(named, DEFAULT if _BUNDLED in self.searched else selected().name)
+        if note := download_note(package, distro):
+            return f"{subject} {where}. {note}"
+        return f"{subject}{did_you_mean(package, self.packages)} {where}"
+
+    def missing_interface(self, name: RosName, subject: str) -> str:
+        """Return an error text for an interface that the search path lacks.
+
+        The text starts with `subject` if the package exists, otherwise it is about the missing package.
+        """
+        package = self.packages.get(name.package)
+        if package is None and name.package not in self.refused:
+            return self.missing_package(name.package, f'no package "{name.package}" for {name}', str(name))
+        known = [str(other) for one in self.packages.values() for other in one.files]
+        hint = (package.not_in_cmake_note(name) if package else "") or other_distributions_note(name.package, name)
+        hint = hint or did_you_mean(str(name), known)
+        return f"{subject}{hint} (searched: {', '.join(self.searched) or 'nothing'})"
+
 
 def scan_search_path(
     folders: Sequence[str | os.PathLike[str]] = (),
@@ -162,7 +247,7 @@ def scan_search_path(
         _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
     if choice is not None:
         if installed := [*_installed()]:
-            _add(found, INSTALLED, installed)
+            _add(found, _INSTALLED, installed)
         if not choice.is_explicit:
             _add_bundled(found, choice.name)
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
@@ -180,9 +265,9 @@ def holds_packages(folder: Path) -> bool:
 
 def _add_bundled(found: SearchPath, distro: str) -> None:
     packages = (
-        Package(name, one.folder, BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
+        Package(name, one.folder, _BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
     )
-    _add(found, BUNDLED if distro == DEFAULT else f"{BUNDLED} ({distro})", packages)
+    _add(found, _BUNDLED if distro == DEFAULT else f"{_BUNDLED} ({distro})", packages)
 
 
 def _installed() -> Iterator[Package]:
@@ -200,7 +285,7 @@ def _installed() -> Iterator[Package]:
         for entry in _entries(Path(sys.prefix, ROS_PACKAGE_INDEX)):
             folder = Path(sys.prefix, "share", entry.name)
             if entry.name not in names and is_package_name(entry.name) and holds_interfaces(folder):
-                yield Package(entry.name, folder, INSTALLED)
+                yield Package(entry.name, folder, _INSTALLED)
 
 
 def _installed_by_entry_points() -> Iterator[Package]:
@@ -214,7 +299,7 @@ def _installed_by_entry_points() -> Iterator[Package]:
         if spec is not None and spec.origin and is_package_name(name):
             folder = Path(spec.origin).parent
             if holds_interfaces(folder):
-                yield Package(name, folder, INSTALLED)
+                yield Package(name, folder, _INSTALLED)
 
 
 def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
@@ -410,6 +495,22 @@ class Workspace:
                         note(entry.path)
         return found, True
 
+    @classmethod
+    def around(cls, place: Path) -> Workspace | None:
+        """Return the workspace that contains a file or a folder; None for a script outside of packages.
+
+        The workspace is the folder ``src`` that contains the package, else the package and its siblings. For a folder
+        outside of packages, the workspace is its subfolder ``src``, else the folder itself.
+        """
+        package = package_around(place)
+        if package is not None:
+            source = next((folder for folder in package.parents if folder.name == "src"), None)
+            return cls(package.parent, 1, package) if source is None else cls(source)
+        if not place.is_dir():
+            return None
+        source = place if place.name == "src" else place / "src"
+        return cls(source) if source.is_dir() else cls(place, holds_others=True)
+
     @property
     def roots(self) -> list[Path]:
         """Folders that contain all packages: the workspace folder, or each package if the folder contains much else."""
@@ -423,22 +524,6 @@ def package_around(place: Path) -> Path | None:
     """
     above = [place, *place.parents] if place.is_dir() else [*place.parents]
     return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
-
-
-def workspace_around(place: Path) -> Workspace | None:
-    """Return the workspace that contains a file or a folder; None for a script outside of packages.
-
-    The workspace is the folder ``src`` that contains the package, else the package and its siblings. For a folder
-    outside of packages, the workspace is its subfolder ``src``, else the folder itself.
-    """
-    package = package_around(place)
-    if package is not None:
-        source = next((folder for folder in package.parents if folder.name == "src"), None)
-        return Workspace(package.parent, 1, package) if source is None else Workspace(source)
-    if not place.is_dir():
-        return None
-    source = place if place.name == "src" else place / "src"
-    return Workspace(source) if source.is_dir() else Workspace(place, holds_others=True)
 
 
 def _readable_entries(folder: Path) -> list[os.DirEntry[str]]:
@@ -470,53 +555,6 @@ class _Place(NamedTuple):
     folder: Path
     mark: Path | None
     has_interfaces: bool
-
-
-def missing_package(search: SearchPath, package: str, subject: str, type_name: str = "") -> str:
-    """Return an error text, beginning with `subject`, for a package that the search path lacks.
-
-    `type_name` is the full name of the interface that was requested; empty for the whole package.
-    """
-    where = f"(searched: {', '.join(search.searched) or 'nothing'})"
-    if note := other_distributions_note(package):
-        return f"{subject}{note} {where}"
-    searched = [Path(entry) for entry in search.searched if os.path.isdir(entry)]
-    here = Path()
-    for root in (*searched, *(root / "share" / package for root in searched), here):
-        place = _find(root, package)
-        if place is None:
-            continue
-        shown = display_path(place.folder)
-        if place.mark is not None:
-            return f"{subject}: {shown} is ignored because of {display_path(place.mark)}; remove that file {where}"
-        if not place.has_interfaces:
-            return f"{subject} with interfaces: {shown} has no .msg, .srv, .action or .idl file {where}"
-        if root is here:
-            return f"{subject} on the search path, but {shown} has it; use --path . {where}"
-    module = _generated_package(package)
-    if module is not None and type_name:
-        return f"{subject}: the importable package {display_path(module)} has no {type_name}; generate it again {where}"
-    if module is not None:
-        return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
-    named = (name for name in DISTRIBUTIONS if f"{BUNDLED} ({name})" in search.searched)
-    distro = next(named, DEFAULT if BUNDLED in search.searched else selected().name)
-    if note := download_note(package, distro):
-        return f"{subject} {where}. {note}"
-    return f"{subject}{did_you_mean(package, search.packages)} {where}"
-
-
-def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
-    """Return an error text for an interface that the search path lacks.
-
-    The text starts with `subject` if the package exists, otherwise it is about the missing package.
-    """
-    package = search.packages.get(name.package)
-    if package is None and name.package not in search.refused:
-        return missing_package(search, name.package, f'no package "{name.package}" for {name}', str(name))
-    known = [str(other) for one in search.packages.values() for other in one.files]
-    hint = (package.not_in_cmake_note(name) if package else "") or other_distributions_note(name.package, name)
-    hint = hint or did_you_mean(str(name), known)
-    return f"{subject}{hint} (searched: {', '.join(search.searched) or 'nothing'})"
 
 
 def _find(root: Path, package: str) -> _Place | None:

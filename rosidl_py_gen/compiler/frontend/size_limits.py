@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.cdr.layout import fixed_count, has_count
-from rosidl_py_gen.compiler.frontend.model import messages_of
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, Location, MessageDef
@@ -106,7 +105,7 @@ class SizeChecker:
     def check_interface(self, interface: Interface) -> None:
         """Add a diagnostic if the checked messages of an interface are together too large for one module."""
         elements = 0
-        for message in messages_of(interface):
+        for message in interface.messages:
             elements += self._sizes[str(message.name)].elements
             if elements > MAX_ELEMENTS:
                 place = message.fields[0].location if message.fields else message.constants[0].location

@@ -27,10 +27,9 @@ from rosidl_py_gen.compiler.frontend.model import (
     Scalar,
     SourceText,
     assemble,
-    messages_of,
     section_names,
 )
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
@@ -86,11 +85,11 @@ def registry_from_descriptions(
         messages = [descriptions.message(one) for one in own]
         top = assemble(name, messages, messages[0].source)
     registry.add(name, top)
-    for needed in _reachable(messages_of(top), individuals):
+    for needed in _reachable(top.messages, individuals):
         nested = split_ros_name(needed)
         registry.add(nested, _from_source(nested, texts, individuals, (needed,)) or descriptions.message(needed))
     check(registry, [name])
-    raise_diagnostics(registry)
+    registry.raise_diagnostics()
     return registry
 
 
@@ -145,7 +144,7 @@ def _from_source(
         found = parse_interface(name, source, _RaiseOnFirst())
     except DefinitionError:
         return None
-    known = {str(message.name): message for message in messages_of(found)} if found else {}
+    known = {str(message.name): message for message in found.messages} if found else {}
     is_same = all(one in known and _fields_of(individuals.get(one)) == _rows(known[one]) for one in own)
     return found if is_same else None
 

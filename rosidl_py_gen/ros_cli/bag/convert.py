@@ -19,10 +19,9 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from collections import Counter
     from collections.abc import Callable, Iterator, Mapping
 
-    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+    from rosidl_py_gen.bags import BagCopy, BagTopic, BagWriter, RawMessage, SourceBag, SqliteWriter
     from rosidl_py_gen.ros_cli.bag.reading import BagSelection
 
 
@@ -61,15 +60,13 @@ def convert(
     rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
-    from rosidl_py_gen.bags import find_all_channels, omission_lines
-    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag, select_part
+    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_source, select_part
 
-    with opened_bag(path, search_path=paths) as reader:
-        find_all_channels(reader)
+    with opened_source(path, paths) as reader:
         part = select_part(reader, topics, offset_s, duration_s)
         channels = channels_with_definitions(reader, part.topics, without_definitions)
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
-            count, omitted = copy_bag(reader, writer, part, channels)
+            count, copy = copy_bag(reader, writer, part, channels)
     if as_json:
         terminal_output.document(
             {
@@ -78,11 +75,11 @@ def convert(
                 "topics": len(part.topics),
                 "damaged": damaged_rows(reader.damaged),
                 "unread_bytes": reader.unread_bytes,
-                "not_carried_over": dict(omitted),
+                "not_carried_over": dict(copy.omitted),
             }
         )
     else:
-        for line in omission_lines(omitted):
+        for line in copy.omission_lines():
             terminal_output.note(line)
         terminal_output.line(f"{pluralize(count, 'message')} of {pluralize(len(part.topics), 'topic')} in {output}")
         print_next_step("rosidl-py bag info", quote(output))
@@ -119,12 +116,12 @@ def new_bag(
 
 
 def copy_bag(
-    reader: BagReader,
+    reader: SourceBag,
     writer: BagWriter | SqliteWriter,
     selection: BagSelection,
     channels: Mapping[tuple[str, ...], BagTopic],
     converter_of: Callable[[BagTopic], Callable[[RawMessage], RawMessage] | None] = lambda _: None,
-) -> tuple[int, Counter[str]]:
+) -> tuple[int, BagCopy]:
     """Copy the selected messages of a bag, and everything else that the new bag can store.
 
     Args:
@@ -132,7 +129,7 @@ def copy_bag(
         converter_of: returns the function that converts messages of a recorded channel; None to copy them unchanged.
 
     Returns:
-        Number of copied messages, and numbers of items that the storage of the new bag cannot contain, by kind of item.
+        Number of copied messages, and the completed copy, which counts what the new bag cannot store.
     """
     from rosidl_py_gen.bags import BagCopy
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
@@ -157,7 +154,7 @@ def copy_bag(
             writer.write_raw(item if convert is None else convert(item), target)
             count += 1
     copy.end()
-    return count, copy.omitted
+    return count, copy
 
 
 @click.command("reindex")
@@ -173,12 +170,11 @@ def reindex(path: str, as_json: bool) -> int:
     rosidl-py bag reindex my_bag
     rosidl-py bag reindex my_bag/my_bag_3.mcap
     """
-    from rosidl_py_gen.bags import omission_lines, reindex_file, reindex_folder
+    from rosidl_py_gen.bags import reindex as repair
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, damaged_rows
 
-    location = Path(path)
     with ProgressBar("bytes") as show:
-        result = reindex_folder(location, show) if location.is_dir() else reindex_file(location, show)
+        result = repair(Path(path), show)
     if as_json:
         terminal_output.document(
             {
@@ -198,7 +194,7 @@ def reindex(path: str, as_json: bool) -> int:
     for one in result.repaired:
         reason = "had no index and is" if one.path.name in result.unindexed_files else "is"
         terminal_output.note(f"{one.path.name} {reason} rewritten; the old file is renamed to {one.backup}")
-    for line in omission_lines(result.omitted):
+    for line in result.omission_lines():
         terminal_output.note(line)
     counts = f"{pluralize(result.messages, 'message')} of {pluralize(result.topics, 'topic')}"
     terminal_output.line(f"{counts} in {pluralize(result.files, 'file')}: {result.path}")

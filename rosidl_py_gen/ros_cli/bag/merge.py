@@ -18,10 +18,9 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from collections import Counter
     from collections.abc import Iterator, Mapping
 
-    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, BagWriter, RawMessage, SourceBag, SqliteWriter
 
 _HINT = "select topics with rosidl-py bag convert --topics"
 _MAX_OFFSET_S = 1 << 33
@@ -67,20 +66,18 @@ def merge(
     rosidl-py bag merge both robot.mcap laptop.mcap --offset laptop.mcap=-1.25
     """
     shifts = _offsets_ns(bags, offsets)
-    from rosidl_py_gen.bags import find_all_channels, has_attachments, omission_lines
     from rosidl_py_gen.ros_cli.bag.convert import new_bag
-    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_bag
+    from rosidl_py_gen.ros_cli.bag.reading import channels_with_definitions, damaged_rows, opened_source
 
     with ExitStack() as stack:
-        readers = [stack.enter_context(opened_bag(bag, search_path=paths)) for bag in bags]
+        readers = [stack.enter_context(opened_source(bag, paths)) for bag in bags]
         channels = []
         for reader, shift in zip(readers, shifts, strict=True):
-            find_all_channels(reader)
             channels.append(channels_with_definitions(reader, [*reader.topics], without_definitions, _HINT))
-            if shift and has_attachments(reader):
+            if shift and reader.has_attachments():
                 terminal_output.note(f"{reader.path}: attachments keep their times; --offset is for messages")
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
-            count, omitted = _merge(readers, writer, shifts, channels)
+            count, copy = _merge(readers, writer, shifts, channels)
         damaged = [part for reader in readers for part in reader.damaged]
         topics = len({name for reader in readers for name in reader.topics})
         unread_bytes = sum(reader.unread_bytes for reader in readers)
@@ -93,11 +90,11 @@ def merge(
                 "topics": topics,
                 "damaged": damaged_rows(damaged),
                 "unread_bytes": unread_bytes,
-                "not_carried_over": dict(omitted),
+                "not_carried_over": dict(copy.omitted),
             }
         )
     else:
-        for line in omission_lines(omitted):
+        for line in copy.omission_lines():
             terminal_output.note(line)
         counts = f"{pluralize(count, 'message')} of {pluralize(topics, 'topic')}"
         terminal_output.line(f"{counts} of {pluralize(len(bags), 'bag')} in {output}")
@@ -134,15 +131,12 @@ def _offsets_ns(bags: Sequence[str], texts: Sequence[str]) -> list[int]:
 
 
 def _merge(
-    readers: Sequence[BagReader],
+    readers: Sequence[SourceBag],
     writer: BagWriter | SqliteWriter,
     offsets_ns: Sequence[int],
     channels: Sequence[Mapping[tuple[str, ...], BagTopic]],
-) -> tuple[int, Counter[str]]:
-    """Merge the bags.
-
-    Returns the number of messages, and numbers of things that the merged bag cannot store, by kind.
-    """
+) -> tuple[int, BagCopy]:
+    """Merge the bags; return the number of messages, and the completed copy, which counts what the bag cannot store."""
     from rosidl_py_gen.bags import BagCopy
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
 
@@ -163,7 +157,7 @@ def _merge(
             writer.write_raw(message, known[id(channel)][1])
             count += 1
     copy.end()
-    return count, copy.omitted
+    return count, copy
 
 
 def _in_time(number: int, reader: BagReader, offset_ns: int) -> Iterator[tuple[int, int, RawMessage | None]]:

@@ -6,7 +6,6 @@ types whose hash is equal keep their bytes. An incomplete output is removed.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -20,9 +19,9 @@ from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, Ros
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
+    from rosidl_py_gen.bags import BagCopy, BagReader, BagTopic, RawMessage
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.migration import MessagePlan, MigrationRules
+    from rosidl_py_gen.ros_cli.bag.migration import MessagePlan, MigrationRules
 
 
 @dataclass(slots=True)
@@ -104,16 +103,14 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags import find_all_channels, omission_lines
-    from rosidl_py_gen.compiler.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
-    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag, select_part
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationRules
+    from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_source, select_part
     from rosidl_py_gen.ros_cli.bag.yaml_files import read_rules
 
-    omitted: Counter[str] = Counter()
+    copy: BagCopy | None = None
     rules = read_rules(rules_file) if rules_file else MigrationRules()
-    with opened_bag(path, search_path=old_paths) as reader:
-        find_all_channels(reader)
+    with opened_source(path, old_paths) as reader:
         selection = select_part(reader, topics, 0.0, None)
         planned = _plan_topics(reader, selection.topics, paths, rules)
         _warn_unused_rules(rules, planned)
@@ -122,7 +119,7 @@ def migrate(
         if output is not None and not dry_run:
             channels = {key: topic.new for key, topic in planned.items()}
             with new_bag(output, "mcap", compression, split_bytes, split_s) as writer:
-                _, omitted = copy_bag(
+                _, copy = copy_bag(
                     reader, writer, selection, channels, lambda one: _converter(reader, planned[one.key])
                 )
     carried = sum(one.count for one in planned.values() if one.convert)
@@ -133,11 +130,11 @@ def migrate(
                 **_document(output, planned, None if dry_run else count),
                 "damaged": damaged_rows(reader.damaged),
                 "unread_bytes": reader.unread_bytes,
-                "not_carried_over": dict(omitted),
+                "not_carried_over": {} if copy is None else dict(copy.omitted),
             }
         )
-    elif not dry_run:
-        for line in omission_lines(omitted):
+    elif copy is not None:
+        for line in copy.omission_lines():
             terminal_output.note(line)
         names = {one.old.name for one in planned.values()}
         counts = f"{pluralize(count, 'message')} of {pluralize(len(names), 'topic')}"
@@ -158,23 +155,23 @@ class _NewDefinitions:
         unchanged.
         """
         from rosidl_py_gen import get_message
-        from rosidl_py_gen.compiler.frontend import full_text, read_checked
+        from rosidl_py_gen.compiler.frontend import DefinitionText
 
         try:
-            owner = read_checked(self._library, split_ros_name(name))
+            owner = self._library.read_checked(split_ros_name(name))
         except TypeNotFoundError:
             return "not among the new definitions"
         packages = {one.partition("/")[0] for one in self._library.all_hashes(name)}
         if not any(self._search.packages[one].origin in self._paths for one in packages):
             return "not defined in --path"
-        return get_message(name, path=self._paths), full_text(self._library, owner)
+        return get_message(name, path=self._paths), DefinitionText(self._library, owner).full
 
 
 def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
     """Return the conversion of each selected channel, by channel key; all failures are raised in one `CommandError`."""
-    from rosidl_py_gen.compiler.migration import MigrationError
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationError
 
     definitions = _NewDefinitions(paths)
     problems: list[str] = []
@@ -194,7 +191,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
-    from rosidl_py_gen.compiler.migration import fields_of, message_converter, plan
+    from rosidl_py_gen.ros_cli.bag.migration import fields_of, message_converter, plan
     from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch
 
     if channel.message_encoding != "cdr":

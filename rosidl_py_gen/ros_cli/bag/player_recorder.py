@@ -30,7 +30,7 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli.bag.yaml_files import entries, parse, read_text, text, wrong
 from rosidl_py_gen.runtime import InvalidQoSError, QoSProfile, validate_full_name
-from rosidl_py_gen.runtime.qos import ENUMS, INFINITE_NS, PERIODS, POLICIES
+from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -144,9 +144,13 @@ class _Terminal:
         signal.signal(number, self._give_up)
 
 
-_PERIOD_FIELDS = {key: name for name, key in PERIODS.items()}
+_PERIOD_FIELDS = {policy.rmw_name: policy.field for policy in POLICIES if policy.is_period}
 _CHOICES: dict[str, dict[str, Any]] = {
-    **{key: {one.name.lower(): one for one in kind if one.name != "UNKNOWN"} for key, kind in ENUMS.items()},
+    **{
+        policy.rmw_name: {one.name.lower(): one for one in policy.enum if one.name != "UNKNOWN"}
+        for policy in POLICIES
+        if policy.enum is not None
+    },
     "avoid_ros_namespace_conventions": {"true": True, "false": False},
 }
 _KEYS = tuple(policy.rmw_name for policy in POLICIES)

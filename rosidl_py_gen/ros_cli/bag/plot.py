@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.plotting import require_output, show_plot
+from rosidl_py_gen.plotting import Plot
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.plotting import PlotPanel
 
 
 @click.command("plot")
@@ -55,8 +54,7 @@ def plot(
     rosidl-py bag plot drive /imu angular_velocity
     rosidl-py bag plot drive /imu linear_acceleration.x /odom twist.twist.linear.x --out drive.svg
     """
-    require_output(out, in_terminal)
-    from rosidl_py_gen.plotting import TimeAxis, topics_and_fields
+    plot = Plot(out, in_terminal, is_wall_clock=wall_clock, by_stamp=by_stamp)
     from rosidl_py_gen.ros_cli.bag.reading import opened_bag
 
     with ExitStack() as stack:
@@ -64,17 +62,15 @@ def plot(
         rest = list(words)
         while rest and (not bags or _is_bag(rest[0], bags[0])):
             bags.append(stack.enter_context(opened_bag(rest.pop(0), search_path=paths, skip_damaged=skips)))
-        topics = topics_and_fields(rest)
+        topics = options.topics_and_fields(rest)
         if not topics:
             raise CommandError(f"expected a topic and fields after the bag; {_topics_text(bags[0])}")
-        panels: list[PlotPanel] = []
         skipped = False
         for bag in bags:
             prefix = f"{bag.path.name}: " if len(bags) > 1 else ""
-            panels += _panels(bag, topics, prefix, by_stamp, offset_s, duration_s, skips)
+            _add_panels(plot, bag, topics, prefix, offset_s, duration_s, skips)
             skipped = skipped or bool(bag.damaged or bag.skipped)
-        axis = TimeAxis(is_wall_clock=wall_clock, by_stamp=by_stamp, own_starts=len(bags) > 1)
-        show_plot(panels, axis, out, in_terminal)
+        plot.show(own_starts=len(bags) > 1)
     return DAMAGED if skipped else 0
 
 
@@ -91,27 +87,24 @@ def _topics_text(bag: BagReader) -> str:
     return f"topics of {bag.path}: {', '.join(sorted(bag.topics)) or 'none'}"
 
 
-def _panels(
+def _add_panels(
+    plot: Plot,
     bag: BagReader,
     topics: Sequence[tuple[str, list[str]]],
     prefix: str,
-    by_stamp: bool,
     offset_s: float,
     duration_s: float | None,
     skips: bool,
-) -> list[PlotPanel]:
-    """Return a plot panel for each topic, filled with fields of messages from one bag, which is read once."""
-    from rosidl_py_gen.plotting import PlotPanel, TopicLines
+) -> None:
+    """Add a panel for each topic to a plot, filled with fields of messages from one bag, which is read once."""
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, select_part
 
     part = select_part(bag, [name for name, _ in topics], offset_s, duration_s)
-    lines: dict[str, TopicLines] = {}
-    for name, fields in topics:
-        panel = PlotPanel(prefix + name)
-        lines[name] = TopicLines(panel, name, fields, by_stamp=by_stamp)
+    lines = {name: plot.add_topic(name, fields, prefix) for name, fields in topics}
+    for name, one in lines.items():
         for channel in bag.channels:
             if channel.name == name:
-                lines[name].use(bag.message_class(channel))
+                one.use(bag.message_class(channel))
     on_error = "skip" if skips else "raise"
     total = sum(bag.topics[name].count or 0 for name in lines)
     with ProgressBar("messages") as show:
@@ -121,4 +114,3 @@ def _panels(
     for name, one in lines.items():
         if not one.panel.count:
             raise CommandError(f"{bag.path} has no messages on {name} in the selected time")
-    return [one.panel for one in lines.values()]

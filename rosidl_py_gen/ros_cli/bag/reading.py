@@ -15,7 +15,7 @@ from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from rosidl_py_gen.bags import described, has_definition, mismatch_reason
+from rosidl_py_gen.bags import described, mismatch_reason
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -25,7 +25,7 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, DamagedPart, TopicDefinition
+    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, DamagedPart, SourceBag, TopicDefinition
 
 T = TypeVar("T")
 
@@ -133,6 +133,17 @@ def opened_bag(path: str, *, search_path: Sequence[str] = (), skip_damaged: bool
         yield reader
 
 
+@contextmanager
+def opened_source(path: str, search_path: Sequence[str]) -> Iterator[SourceBag]:
+    """Open a bag that is copied and yield its reader; damaged parts are skipped."""
+    from rosidl_py_gen.bags import SourceBag
+
+    with ProgressBar("bytes") as show:
+        reader = SourceBag(path, search_path=search_path, on_progress=show)
+    with reader:
+        yield reader
+
+
 def messages_of_type(path: str, type_name: str) -> Iterator[BagMessage]:
     """Yield the messages of a type in a bag; raises `CommandError` if it has no topic of the type."""
     from rosidl_py_gen.bags import BagReader
@@ -212,7 +223,7 @@ def channels_with_definitions(
             unknown.append((channel, reason))
             continue
         channels[channel.key] = described(channel, known)
-        if has_definition(channels[channel.key]):
+        if channels[channel.key].definition:
             guessed.add(f"{channel.type_name} from {known.origin}")
     _require_known(reader, unknown, keeps_unknown, hint)
     if guessed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
@@ -17,7 +17,7 @@ from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.tables import DatasetsReport, Result
+    from rosidl_py_gen.tables import Database, DatasetsReport
 
 
 @click.command("table", cls=options.MultiValueCommand)
@@ -171,7 +171,7 @@ def sql(
 
     require_modules("pyarrow")  # its extra has what bags need, too
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
-    from rosidl_py_gen.tables import Database, is_dataset, names_of, topics_in
+    from rosidl_py_gen.tables import Database, find_sources
 
     query, bags = _query_and_bags(words)
     if as_json and form not in (None, "json"):
@@ -184,24 +184,17 @@ def sql(
         raise CommandError(f"{output} exists already")
     with ExitStack() as stack:
         base = stack.enter_context(Database(memory_limit))
-        places = [*_expanded(bags)]
-        datasets = [path for path in places if is_dataset(path)]
-        names = names_of(path for path in places if path not in datasets)
+        names, datasets = find_sources(bags)
         readers = {
             name: stack.enter_context(opened_bag(path, search_path=paths, skip_damaged=skips))
             for name, path in names.items()
         }
-        topics = {topic for reader in readers.values() for topic in reader.topics}
-        queried = {*topics_in(query, [*topics])}
-        total = sum(
-            topic.count or 0 for one in readers.values() for name, topic in one.topics.items() if name in queried
-        )
         with ProgressBar("messages") as show:
             on_error = "skip" if skips else "raise"
-            left_out = base.add(query, readers, datasets, on_error=on_error, progress=lambda done: show(done, total))
+            left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
         for topic, reason in left_out.items():
             terminal_output.note(f"skipped {topic}: {reason}")
-        _print_result(base.run(query), form, output)
+        _print_result(base, query, form, output)
     return DAMAGED if any(one.damaged for one in readers.values()) else 0
 
 
@@ -219,20 +212,6 @@ def _is_query(word: str) -> bool:
     return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
 
 
-def _expanded(bags: Iterable[str]) -> Iterator[str]:
-    from rosidl_py_gen.bags import BagError, is_url
-    from rosidl_py_gen.tables import find_bags
-
-    for bag in bags:
-        if not is_url(bag) and os.path.exists(bag):
-            yield bag
-            continue
-        sources, failed = find_bags([bag])
-        for reason in failed.values():
-            raise BagError(reason)
-        yield from (one.place for one in sources)
-
-
 def _format_of(output: str | None) -> str:
     suffix = Path(output or "").suffix.removeprefix(".")
     if output is None:
@@ -242,7 +221,8 @@ def _format_of(output: str | None) -> str:
     return suffix
 
 
-def _print_result(result: Result, form: str, output: str | None) -> None:
+def _print_result(base: Database, query: str, form: str, output: str | None) -> None:
+    result = base.run(query)
     if output is not None:
         if form == "table":
             raise CommandError("--format table cannot be written to a file; expected csv, json or parquet")

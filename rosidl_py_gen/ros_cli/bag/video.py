@@ -69,7 +69,7 @@ def video(
     rosidl-py bag video drive front.mp4 --topic /front/image_raw/compressed --fps 10 --start-offset 60 --duration 20
     """
     require_modules("av")
-    from rosidl_py_gen.bags import partial_path, written_durably
+    from rosidl_py_gen.bags import DurableFile
     from rosidl_py_gen.ros_cli.bag.images import ImageMessages
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.video_file import VideoFile
@@ -79,14 +79,15 @@ def video(
         raise CommandError(f"{target}: expected a file that ends with {', '.join(_SUFFIXES)}")
     if target.exists():
         raise CommandError(f"{target} exists already")
-    if (partial := partial_path(target)).exists():
-        raise CommandError(f"{partial} exists, perhaps of a run that goes on or was killed; remove it")
+    file = DurableFile(target)
+    if file.partial.exists():
+        raise CommandError(f"{file.partial} exists, perhaps of a run that goes on or was killed; remove it")
     with opened_bag(path, search_path=paths) as reader:
         images = ImageMessages(reader, () if topic is None else (topic,), offset_s, duration_s)
         if len(images.topics) > 1:
             raise CommandError(f"{path} has images of {', '.join(images.topics)}; select one with --topic")
         rate = _median_rate(images.first_times(_RATE_SAMPLES)) if fps is None else _fraction(fps)
-        with written_durably(target) as partial, closing(VideoFile(partial, rate)) as made:
+        with file as partial, closing(VideoFile(partial, rate)) as made:
             _encode(images, made)
         skipped = images.skipped_rows()
         counts = {"frames": made.frames, "images": made.images, "repeated": made.repeated, "dropped": made.dropped}

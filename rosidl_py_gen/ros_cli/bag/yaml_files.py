@@ -19,7 +19,7 @@ from rosidl_py_gen.errors import InvalidNameError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.compiler.migration import MigrationRules, RenameRule
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationRules, RenameRule
 
 YamlNode: TypeAlias = yaml.Node
 YamlScalar: TypeAlias = yaml.ScalarNode
@@ -110,7 +110,7 @@ def read_rules(path: str) -> MigrationRules:
 
 def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
     """Parse a text with rules for ``bag migrate``. Raises `CommandError` with `name` and line if it is invalid."""
-    from rosidl_py_gen.compiler.migration import MigrationRules, RenameRule
+    from rosidl_py_gen.ros_cli.bag.migration import MigrationRules, RenameRule
 
     types: dict[str, RenameRule] = {}
     fields: dict[str, dict[str, RenameRule]] = {}

@@ -26,8 +26,7 @@ from rosidl_py_gen.compiler.frontend import scan_search_path
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
-from rosidl_py_gen.type_loading import KINDS as CACHE_KINDS
-from rosidl_py_gen.type_loading import VARIABLE, cache_home, cache_problem
+from rosidl_py_gen.type_loading import cache_problems
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -271,18 +270,8 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
         if value:
             yield Finding(OK, f"{name}={value}", public=f"{name} is set" if name in REDACTED_VARIABLES else "")
     yield from _pitfalls(environ)
-    yield from _caches()
-
-
-def _caches() -> Iterator[Finding]:
-    home = cache_home()
-    reasons = [] if home is None else [cache_problem(home / kind) for kind in CACHE_KINDS]
-    for reason in dict.fromkeys(filter(None, reasons)):
-        yield Finding(
-            WARNING,
-            f"the cache {home} is not used, so that no other user can make programs of this one run code: {reason}",
-            f"correct the mode or the owner, or set {VARIABLE} to a folder of the user",
-        )
+    for text, advice in cache_problems():
+        yield Finding(WARNING, text, advice)
 
 
 def discovery_ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_range")) -> Iterator[Finding]:

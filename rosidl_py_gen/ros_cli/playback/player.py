@@ -19,11 +19,11 @@ from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp, stamp_ns
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of, now_s
-from rosidl_py_gen.command_support.graph_lookup import full_name, topic_owner
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand
 from rosidl_py_gen.ros_cli.bag.player_recorder import read_keys, read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.reading import BagSelection, duration_text, opened_bag, start_of, time_text
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
+from rosidl_py_gen.ros_cli.bag.topic_owner import topic_owner
 from rosidl_py_gen.ros_cli.options import compile_pattern
 from rosidl_py_gen.ros_cli.playback.senders import Requests, TopicPublishers, cannot_play_reason
 from rosidl_py_gen.runtime import QoSProfile
@@ -271,7 +271,7 @@ class Player:
         self.publishers = TopicPublishers(command_node.node, overrides, note)
         self.requests = Requests(command_node.node, options.requests_source, options.paths, note)
         self._names = _remapped_names(command_node, recording, part.topics, options.remaps)
-        self._clock_topics = {full_name(command_node.node, one) for one in options.clock_topics}
+        self._clock_topics = {command_node.full_name(one) for one in options.clock_topics}
         for name in sorted(self._clock_topics.difference(part.topics)):
             raise CommandError(f"--clock-topics {name}: topic is not played; topics are {', '.join(part.topics)[:300]}")
         self._clock: Callable[[int], None] = self._clock_sender() if options.has_clock else lambda now: None
@@ -438,10 +438,10 @@ def _remapped_names(
         before, arrow, after = remap.partition(":=")
         if not (before and arrow and after):
             raise CommandError(f"--remap {remap}: expected FROM:=TO")
-        name = full_name(command_node.node, before)
+        name = command_node.full_name(before)
         if name not in known:
             raise CommandError(f"--remap {remap}: {name} is not played; topics are {', '.join(topics)[:300]}")
-        names[name] = full_name(command_node.node, after)
+        names[name] = command_node.full_name(after)
     return names
 
 

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, BagTopic
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.terminal_output import OnceNotes
     from rosidl_py_gen.runtime import Client, Node, Publisher
 
 
@@ -155,7 +154,7 @@ class Requests:
         source: side whose events are used, ``service_introspection`` or ``client_introspection``.
     """
 
-    def __init__(self, node: Node, source: str, paths: Sequence[str], note: OnceNotes) -> None:
+    def __init__(self, node: Node, source: str, paths: Sequence[str], note: terminal_output.OnceNotes) -> None:
         self._node = node
         self._source = source
         self._event_type = _EVENT_TYPES[source]

@@ -20,13 +20,14 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
 from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of, now_s
-from rosidl_py_gen.command_support.graph_lookup import TopicOwner, is_hidden, topic_owner
+from rosidl_py_gen.command_support.graph_lookup import is_hidden
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import AsyncCommand
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
 from rosidl_py_gen.ros_cli.bag.player_recorder import read_keys, read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.reading import size_text
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
+from rosidl_py_gen.ros_cli.bag.topic_owner import TopicOwner, topic_owner
 from rosidl_py_gen.ros_cli.options import compile_pattern
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import AdaptiveSubscription, SecurityError, validate_full_name

@@ -150,11 +150,9 @@ async def echo(
 
 async def _full_name(command_node: CommandNode, topic: str, type_name: str | None, timeout_s: float | None) -> str:
     """Wait until the topic is found, or with `type_name` only until discovery is complete, and return the full name."""
-    from rosidl_py_gen.command_support.graph_lookup import full_name
-
     if type_name is None:
         return await command_node.find("topic", topic, timeout_s)
-    name = full_name(command_node.node, topic)
+    name = command_node.full_name(topic)
     await command_node.wait_for_discovery()
     return name
 

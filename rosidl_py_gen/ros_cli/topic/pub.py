@@ -85,7 +85,6 @@ async def pub(
 
     from rosidl_py_gen.command_support import graph_lookup
     from rosidl_py_gen.command_support.command_node import now_s
-    from rosidl_py_gen.command_support.graph_lookup import full_name
     from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
@@ -95,7 +94,7 @@ async def pub(
     if type_name is None:
         name = await graph_lookup.preload_while_waiting(command_node.find("topic", topic, timeout_s))
     else:
-        name = full_name(command_node.node, topic)
+        name = command_node.full_name(topic)
     cls = await graph_lookup.interface_class(command_node, "topic", name, type_name, paths)
     # Before the wait for subscriptions, so that errors in the text are reported at once.
     template = None if text == _STDIN else message_text.message_and_stamps(cls, text)

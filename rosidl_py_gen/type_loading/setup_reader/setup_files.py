@@ -14,6 +14,7 @@ from typing import Any
 from rosidl_py_gen.base.project import parse_toml
 from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget, UnreadableError, note, read_text
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.type_loading.install_rules import Install
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, SetupSyntaxError, read_setup_py
 from rosidl_py_gen.type_loading.setup_reader.values import Gap
@@ -87,6 +88,7 @@ class PackageSetup:
     """Install rules of a Python package, from its setup.py, setup.cfg and pyproject.toml.
 
     Attributes:
+        folder: folder of the package.
         values: arguments of `setup` by name, with None for unknown parts; entry points are lists of lines by group.
         uncertain: reasons why an argument is uncertain, by argument.
         unread: name of the file whose reading took too much work, so that arguments are uncertain; else empty.
@@ -94,17 +96,62 @@ class PackageSetup:
         problems: texts about a setup.py that could not be run.
     """
 
+    folder: Path
     values: dict[str, Any] = field(default_factory=dict)
     uncertain: dict[str, str] = field(default_factory=dict)
     unread: str = ""
     scripts_folder: str = "bin"
     problems: list[str] = field(default_factory=list)
 
+    @classmethod
+    def read(cls, folder: Path, budget: PackageBudget, run: RunSetup | None = None) -> PackageSetup:
+        """Return the install rules of a package.
+
+        Args:
+            folder: folder of the package.
+            budget: work that reading the package may take.
+            run: function that runs a setup.py which cannot be read completely; None if no code may run.
+
+        Raises:
+            SetupFilesError: a file cannot be read.
+        """
+        found = cls(folder)
+        readers: dict[str, Callable[[PackageSetup, str, PackageFolder], None]] = {
+            "setup.py": lambda found, text, _: _add_setup_py(found, text, folder, budget, run),
+            "setup.cfg": _add_setup_cfg,
+            "pyproject.toml": _add_pyproject,
+        }
+        for name, read in readers.items():
+            note(folder / name)
+            if not os.path.isfile(folder / name):
+                continue
+            try:
+                text = read_text(folder, name)
+                budget.spend(len(text))
+                read(found, text, PackageFolder(folder, budget))
+            except BudgetError as error:  # what other files say remains
+                budget.renew()
+                unknown = [one for one in _INSTALLED if one not in found.uncertain and not found.values.get(one)]
+                found.uncertain |= dict.fromkeys(unknown, str(error))
+                found.unread = name if unknown else found.unread
+            except (UnreadableError, SetupSyntaxError, IniSyntaxError, ValueError) as error:
+                raise SetupFilesError(f"{folder / name}: {error}".replace("\n", " ")) from error
+        found.values["entry_points"] = _groups(found.values.get("entry_points"))
+        is_explicit = found.values.get("packages") or found.values.get("py_modules") or found.folders
+        if not is_explicit and any((folder / "src").glob("*/__init__.py")):
+            found.values["package_dir"] = {"": "src"}  # as setuptools finds packages automatically
+        return found
+
     def texts(self, name: str) -> list[str]:
         """Return the known texts in a list-valued argument of `setup`."""
         value = self.values.get(name)
         value = value.replace(",", " ").split() if name == "scripts" and isinstance(value, str) else value
         return [one for one in value if isinstance(one, str)] if isinstance(value, list) else []
+
+    @property
+    def data_files(self) -> list[Install]:
+        """Install rules of the argument `data_files`."""
+        return Install.of_data_files(self.folder, self.values.get("data_files"))
 
     @property
     def folders(self) -> dict[str, str]:
@@ -117,45 +164,6 @@ class PackageSetup:
         """Known entry point lines ``name = module:function``, by group."""
         points = self.values.get("entry_points")
         return points if isinstance(points, dict) else {}
-
-
-def read_setup_files(folder: Path, budget: PackageBudget, run: RunSetup | None = None) -> PackageSetup:
-    """Return the install rules of a package.
-
-    Args:
-        folder: folder of the package.
-        budget: work that reading the package may take.
-        run: function that runs a setup.py which cannot be read completely; None if no code may run.
-
-    Raises:
-        SetupFilesError: a file cannot be read.
-    """
-    found = PackageSetup()
-    readers: dict[str, Callable[[PackageSetup, str, PackageFolder], None]] = {
-        "setup.py": lambda found, text, _: _add_setup_py(found, text, folder, budget, run),
-        "setup.cfg": _add_setup_cfg,
-        "pyproject.toml": _add_pyproject,
-    }
-    for name, read in readers.items():
-        note(folder / name)
-        if not os.path.isfile(folder / name):
-            continue
-        try:
-            text = read_text(folder, name)
-            budget.spend(len(text))
-            read(found, text, PackageFolder(folder, budget))
-        except BudgetError as error:  # what other files say remains
-            budget.renew()
-            unknown = [one for one in _INSTALLED if one not in found.uncertain and not found.values.get(one)]
-            found.uncertain |= dict.fromkeys(unknown, str(error))
-            found.unread = name if unknown else found.unread
-        except (UnreadableError, SetupSyntaxError, IniSyntaxError, ValueError) as error:
-            raise SetupFilesError(f"{folder / name}: {error}".replace("\n", " ")) from error
-    found.values["entry_points"] = _groups(found.values.get("entry_points"))
-    is_explicit = found.values.get("packages") or found.values.get("py_modules") or found.folders
-    if not is_explicit and any((folder / "src").glob("*/__init__.py")):
-        found.values["package_dir"] = {"": "src"}  # as setuptools finds packages automatically
-    return found
 
 
 def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageBudget, run: RunSetup | None) -> None:

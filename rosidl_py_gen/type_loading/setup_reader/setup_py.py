@@ -604,6 +604,18 @@ class SetupArguments:
     values: dict[str, object] = field(default_factory=dict)
     uncertain: dict[str, str] = field(default_factory=dict)
 
+    @classmethod
+    def of_calls(cls, calls: Sequence[Mapping[str, object]]) -> SetupArguments:
+        """Return the arguments of several calls of `setup`, merged: lists and dicts are joined, others replaced."""
+        found = cls()
+        for call in calls:
+            for name, value in call.items():
+                found.values[name] = _merged(found.values[name], value) if name in found.values else value
+        commands = found.values.get("cmdclass", {})
+        for command in sorted(_COMMANDS.intersection(commands)) if isinstance(commands, dict) else ["install"]:
+            found.uncertain.setdefault("data_files", f"the command {command} of cmdclass")
+        return found
+
 
 def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArguments:
     """Return the arguments of `setup` in a setup.py.
@@ -630,20 +642,6 @@ def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArgume
         raise SetupSyntaxError(reason) from error
 
 
-def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
-    """Merge the arguments of several calls of `setup` and return the result: lists and dicts are joined, other values
-    replaced.
-    """
-    found = SetupArguments()
-    for call in calls:
-        for name, value in call.items():
-            found.values[name] = _merged(found.values[name], value) if name in found.values else value
-    commands = found.values.get("cmdclass", {})
-    for command in sorted(_COMMANDS.intersection(commands)) if isinstance(commands, dict) else ["install"]:
-        found.uncertain.setdefault("data_files", f"the command {command} of cmdclass")
-    return found
-
-
 def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
     """Return the literal parts of the arguments of all calls of `setup`.
 
@@ -654,7 +652,7 @@ def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("setup", *SETUP_FUNCTIONS, "core.setup"):
             calls.append({word.arg: _literal(word.value) for word in node.keywords if word.arg in names})
-    return SetupArguments(merge_calls(calls).values, dict.fromkeys(ARGUMENTS, why))
+    return SetupArguments(SetupArguments.of_calls(calls).values, dict.fromkeys(ARGUMENTS, why))
 
 
 def _literal(node: ast.expr) -> object:
@@ -686,7 +684,9 @@ class _Interpreter(Expressions):
             self._lost = self._lost or ("" if self._calls else str(stop))
         except (FunctionReturnError, _Break, _Continue):  # not valid there
             self._lost = self._lost or "statements outside of functions and loops"
-        found = merge_calls([{name: value for name, (value, _) in given.items()} for given, _ in self._calls])
+        found = SetupArguments.of_calls(
+            [{name: value for name, (value, _) in given.items()} for given, _ in self._calls]
+        )
         doubts = [why for _, why in self._calls]
         if not self._calls:
             doubts.append(self._lost or "no call of setup that can be read")

@@ -36,7 +36,7 @@ from support.mcap_records import (
 
 from rosidl_py_gen import get_message, ros_cli
 from rosidl_py_gen.bags import BagReader, BagWriter, SqliteWriter
-from rosidl_py_gen.bags.rewriting import reindex_file, reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex
 
 String: Any = get_message("std_msgs/msg/String")
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
@@ -91,14 +91,14 @@ def test_reindex_of_a_file_without_an_index_copies_every_record(original: Random
     with TemporaryDirectory() as name:
         path = Path(name) / "a_0.mcap"
         path.write_bytes(original.data[:-footer])
-        done = reindex_folder(path.parent) if in_folder else reindex_file(path)
+        done = reindex(path.parent if in_folder else path)
         require_same(path, original)
         assert (path.parent / "a_0.mcap.unindexed").read_bytes() == original.data[:-footer]
         assert done.messages == original.contents.messages.total()
         assert done.omitted == +Counter(unknown_records=original.contents.private_count)
         if in_folder:
             before = path.read_bytes()
-            assert not reindex_folder(path.parent).repaired
+            assert not reindex(path.parent).repaired
             assert path.read_bytes() == before
 
 
@@ -249,7 +249,7 @@ def test_damaged_attachments_and_metadata_are_reported_and_the_rest_is_copied(tm
     intact = metadata_record("site", {"robot": "r2"}), attachment_record("b", "", b"b")
     path.write_bytes(one_message(wrong, *intact) + record(15, bytes(4)))
     with memory_limit(1 << 25):
-        done = reindex_file(path)
+        done = reindex(path)
     assert len(done.damaged) == 1 and done.messages == 1
     copy = read_contents(path)
     assert (copy.messages.total(), copy.attachments.total(), copy.metadata.total()) == (1, 1, 1)
@@ -260,7 +260,7 @@ def test_large_attachment_is_copied_in_pieces(tmp_path: Path) -> None:
     content = bytes(1 << 26)
     path.write_bytes(one_message(attachment_record("a", "", content)) + record(15, bytes(4)))
     with memory_limit(1 << 25):
-        reindex_file(path)
+        reindex(path)
     assert read_contents(path).attachments == Counter({("a", "", 1, 2, content): 1})
 
 
@@ -271,7 +271,7 @@ def test_truncated_chunk_keeps_its_whole_messages_and_counts_the_loss(tmp_path: 
             writer.write("/a", String(data=f"{number:100}"), number)
     data = path.read_bytes()
     path.write_bytes(data[:8000])
-    done = reindex_file(path)
+    done = reindex(path)
     assert 0 < done.messages < 100 and done.unread_bytes > 0
     with BagReader(path) as reader:
         assert reader.has_index and [one.log_time for one in reader.raw_messages()] == list(range(done.messages))
@@ -310,13 +310,13 @@ def test_failed_reindex_leaves_the_bag_unchanged(tmp_path: Path, monkeypatch: An
         else:
             patch.setattr(Path, "replace", fail)
         with pytest.raises(OSError, match="No space"):
-            reindex_folder(tmp_path)
+            reindex(tmp_path)
     assert path.read_bytes() == data
     backup = tmp_path / "a_0.mcap.unindexed"
     assert {one.name for one in tmp_path.iterdir()} <= {path.name, backup.name}
     assert not backup.exists() or step == "rename"
     backup.unlink(missing_ok=True)
-    assert reindex_folder(tmp_path).messages == 1
+    assert reindex(tmp_path).messages == 1
 
 
 def test_metadata_record_of_rosbag2_is_not_duplicated_and_custom_data_are_copied(tmp_path: Path) -> None:
@@ -420,5 +420,5 @@ def test_damaged_compression_name_loses_only_its_chunk(tmp_path: Path) -> None:
             writer.add_message(channel, number, ONE, number)
         writer.finish()
     path.write_bytes(path.read_bytes().replace(b"\3\0\0\0lz4", b"\3\0\0\0LZ4", 1))
-    done = reindex_file(path)
+    done = reindex(path)
     assert done.messages == 3 and len(done.damaged) == 1

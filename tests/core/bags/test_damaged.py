@@ -24,7 +24,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.bags.rewriting import reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # damaged messages are skipped
@@ -249,7 +249,7 @@ def test_recorder_killed_during_file_compression_leaves_each_message_exactly_onc
                 bag.write("/a", Bool(data=True).encode(), number)
         with BagReader(folder) as reader:
             assert [one.log_time for one in reader.messages(raw=True)] == [0, 1], step
-        done = reindex_folder(folder)
+        done = reindex(folder)
         assert (done.messages, done.files) == (2, 2), step
         with BagReader(folder) as reader:
             assert [one.log_time for one in reader.messages(raw=True)] == [0, 1], step
@@ -258,7 +258,7 @@ def test_recorder_killed_during_file_compression_leaves_each_message_exactly_onc
 
 def test_progress_of_reindexing_never_decreases(tmp_path: Path) -> None:
     size, states = len(recording(tmp_path / "a_0.mcap", COUNT)), []
-    reindex_folder(tmp_path, lambda *state: states.append(state))
+    reindex(tmp_path, lambda *state: states.append(state))
     assert states == sorted(states) and states[-1] == (size, size)
 
 
@@ -367,7 +367,7 @@ def test_bag_whose_first_chunk_is_damaged_is_reindexed_without_that_chunk(
     data[begin + 60 : end] = bytes(end - begin - 60)
     file.write_bytes(data)
     (tmp_path / "bag" / "metadata.yaml").unlink()
-    done = reindex_folder(tmp_path / "bag")
+    done = reindex(tmp_path / "bag")
     assert done.messages == 2 and [one.offset for one in done.damaged] == [begin]
     with BagReader(tmp_path / "bag") as reader:
         assert [(one.log_time, one.message.data) for one in reader] == [(number, text(number)) for number in (2, 3)]

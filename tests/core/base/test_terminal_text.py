@@ -25,7 +25,7 @@ FOLDERS = (
 PRINTERS = {
     "generator_cli/command_line.py": "the functions of this command line",
     "generator_cli/__init__.py": "a progress bar without names",
-    "generator_cli/regenerate.py": "for maintainers: paths of this package",
+    "compiler/regenerate.py": "for maintainers: paths of this package",
     "command_support/terminal_output.py": "the functions of this command line",
     "ros_cli/__init__.py": "warnings, and flushing",
     "command_support/__init__.py": "errors",

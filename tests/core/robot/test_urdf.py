@@ -44,15 +44,15 @@ def test_all_values_of_a_joint_are_read() -> None:
         )
     )
     assert (found.name, found.type, found.parent, found.child) == ("elbow", "revolute", "base", "arm")
-    assert found.translation == (1, -2.5, 0.5) and found.axis == (0, 0.6, 0.8)
-    assert found.rotation == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
+    assert found.origin.translation == (1, -2.5, 0.5) and found.axis == (0, 0.6, 0.8)
+    assert found.origin.rotation == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
     assert found.limits == (-1, 2) and found.soft_limits == (-0.5, math.inf)
     assert found.mimic == Mimic("other", -2, 1)
 
 
 def test_values_that_a_joint_does_not_state_have_defaults() -> None:
     found = only(joint())
-    assert (found.translation, found.rotation, found.axis) == ((0, 0, 0), (0, 0, 0, 1), (1, 0, 0))
+    assert (found.origin, found.axis) == (((0, 0, 0), (0, 0, 0, 1)), (1, 0, 0))
     assert (found.limits, found.soft_limits, found.mimic) == (None, (-math.inf, math.inf), None)
     assert only(joint('<origin rpy="0 0 0"/><mimic joint="a"/>')).mimic == Mimic("a", 1, 0)
     assert only(joint('<axis xyz="0 0 0"/>', "fixed")).type == "fixed"  # as exported by CAD programs

@@ -19,8 +19,8 @@ from support.interface_packages import write
 from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.compiler.migration import MigrationError, MigrationRules, fields_of, message_converter, plan
 from rosidl_py_gen.errors import DefinitionError, EncodeError
+from rosidl_py_gen.ros_cli.bag.migration import MigrationError, MigrationRules, fields_of, message_converter, plan
 from rosidl_py_gen.ros_cli.bag.player_recorder import parse_qos_overrides, read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.yaml_files import parse_rules
 from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability

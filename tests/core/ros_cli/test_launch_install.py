@@ -80,7 +80,7 @@ def wheels(monkeypatch: pytest.MonkeyPatch) -> dict[str, ZipFile]:
         def require(self, *requirements: str) -> None:
             raise AssertionError("the modules of the package index are installed")
 
-    monkeypatch.setattr(launch_install, "find_installer", lambda: Recorder("pip", (), (), (), ()))
+    monkeypatch.setattr(Installer, "of_environment", lambda: Recorder("pip", (), (), (), ()))
     monkeypatch.setattr(launch_install, "find_spec", lambda name: None if name in LAUNCH_PACKAGES else object())
     return found
 

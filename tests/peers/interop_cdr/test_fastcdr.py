@@ -26,7 +26,7 @@ from rosidl_py_gen import compile_definition, decode, encode
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.frontend.model import SourceText
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 SOURCE = Path(__file__).with_name("fastcdr_peer.cpp")
@@ -58,7 +58,7 @@ def reference() -> Reference:
     for name, text in TEXTS.items():
         library.add_text(split_ros_name(name), SourceText(f"<{name}>", text, "msg"))
     check(library, [split_ros_name(name) for name in TEXTS])
-    raise_diagnostics(library)
+    library.raise_diagnostics()
     return Reference(library.message)
 
 

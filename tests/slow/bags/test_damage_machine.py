@@ -32,7 +32,7 @@ from support.example_counts import examples
 
 from rosidl_py_gen import ros_cli
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWarning
-from rosidl_py_gen.bags.rewriting import reindex_folder
+from rosidl_py_gen.bags.rewriting import reindex
 from rosidl_py_gen.errors import RosidlError
 
 MAX_BYTES = 100 << 20
@@ -270,7 +270,7 @@ class DamagedBag(RuleBasedStateMachine):
             required, may_fail = self.required(None)
             try:
                 with self.limits():
-                    done = reindex_folder(copy)
+                    done = reindex(copy)
             except RosidlError:
                 assert may_fail
                 return

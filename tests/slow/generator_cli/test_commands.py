@@ -38,7 +38,7 @@ def test_filter_generates_importable_packages_with_dependencies(shell: Shell) ->
 
 
 @pytest.mark.parametrize(
-    "selection", ["a_msgs;b_msgs", "b_msgs", "b_msgs:a_msgs", " b_msgs ; ", "b_msgs/srv/Ask:a_msgs"]
+    "selection", ["a_msgs;b_msgs", "b_msgs", "b_msgs:a_msgs", "a_msgs,b_msgs", " b_msgs ; ; ", "b_msgs/srv/Ask:a_msgs"]
 )
 def test_filter_includes_dependencies(shell: Shell, world: str, selection: str) -> None:
     assert shell("--path", world, "--filter", selection).code == 0

@@ -19,7 +19,7 @@ from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.generator_cli import main
-from rosidl_py_gen.wheels.build import build, read_manifest, selected_packages
+from rosidl_py_gen.wheels.build import build, read_manifest
 
 MANIFEST = """<package format="3">
   <name>{name}</name><version>{version}</version><description>Messages
@@ -91,7 +91,7 @@ GENERATOR = "-c", "from rosidl_py_gen.generator_cli import main; main()"
 
 def test_each_package_becomes_wheel_with_metadata_of_its_manifest(workspace: Path, tmp_path: Path) -> None:
     search = scan_search_path([workspace])
-    built = build(search, selected_packages(search, []), tmp_path / "dist")
+    built = build(search, [], tmp_path / "dist")
     names = [one.path.name for one in built]
     assert names == [
         "builtin_interfaces-0.1.0-py3-none-any.whl",
@@ -123,6 +123,13 @@ def test_without_names_all_bundled_packages_become_wheels(tmp_path: Path, capsys
     written, names = capsys.readouterr().out.splitlines(), [*bundled_packages(DEFAULT)]
     assert [Path(path).name.partition("-")[0] for path in written] == sorted(names)
     assert sorted(path.name for path in tmp_path.iterdir()) == [Path(path).name for path in written]
+
+
+def test_installation_of_unknown_package_names_the_known_packages(capsys: Any) -> None:
+    with pytest.raises(SystemExit):
+        main(["--install", "--filter", "absent_msgs"])
+    text = "error: absent_msgs: there is no package of this name; expected one of action_msgs, "
+    assert capsys.readouterr().err.startswith(text)
 
 
 def test_wheel_builds_are_reproducible(workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

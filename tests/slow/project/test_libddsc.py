@@ -99,7 +99,7 @@ def test_pip_of_a_free_threaded_python_selects_the_recorded_wheel(
 ) -> None:
     """Without the tag of the ABI it selects wheels of free-threaded Pythons, and cyclonedds has none."""
     wheel = this_wheel()
-    if libddsc.find_installer().name == "uv":
+    if Installer.of_environment().name == "uv":
         pytest.skip("uv has no option for it")
     commands: list[tuple[str, ...]] = []
 
@@ -117,7 +117,7 @@ def test_uv_of_free_threaded_python_is_one_line_error_naming_pip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wheel = this_wheel()
-    monkeypatch.setattr(libddsc, "find_installer", lambda: Installer("uv", (), (), (), ()))
+    monkeypatch.setattr(Installer, "of_environment", lambda: Installer("uv", (), (), (), ()))
     monkeypatch.setattr("sysconfig.get_config_var", lambda name: name == "Py_GIL_DISABLED")
     with pytest.raises(OutputError, match=r"^libddsc: uv selects only wheels .*`uv pip install pip`, then ") as error:
         libddsc.fetch(wheel, tmp_path)

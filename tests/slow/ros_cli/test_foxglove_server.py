@@ -23,6 +23,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from rosidl_py_gen import compile_definition, encode, get_message, get_service
 from rosidl_py_gen.command_support import CommandError, graph_lookup
+from rosidl_py_gen.command_support.command_node import CommandNode
 from rosidl_py_gen.foxglove import limits, protocol
 from rosidl_py_gen.foxglove.serve import addresses
 from rosidl_py_gen.foxglove.server import AdvertisedChannel, Handlers, RateLimit, Server, Viewer
@@ -33,6 +34,8 @@ from rosidl_py_gen.runtime import CallTimeoutError
 
 if TYPE_CHECKING:
     from support.worlds import World
+
+    from rosidl_py_gen.runtime import Node
 
 
 String: Any = get_message("std_msgs/msg/String")
@@ -507,11 +510,18 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
 # ----------------------------------------------------------------------------------------------------------- the graph
 
 
+def command_node_of(node: Node) -> CommandNode:
+    """Return the node of a command that is an existing node."""
+    command_node = object.__new__(CommandNode)
+    command_node.node = node
+    return command_node
+
+
 async def test_topics_of_node_with_same_name_are_advertised_but_own_topics_are_not(memory: World) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
     scope_of(ours).discovery.announce_delay_s = 5.0  # our endpoints are of no node yet
     async with served() as (server, _):
-        topics = TopicBridge(SimpleNamespace(node=ours), server, time_ns, paths=(), hidden=False)  # type: ignore[arg-type]
+        topics = TopicBridge(command_node_of(ours), server, time_ns, paths=(), hidden=False)
         await asyncio.sleep(0)
         namesake.create_publisher(String, "theirs")
         ours.create_publisher(String, "ours")
@@ -527,7 +537,7 @@ async def test_call_of_disappeared_service_fails_without_creating_client(memory:
     robot, ours = memory.pair()
     service = robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     async with served() as (server, _):
-        services = ServiceBridge(SimpleNamespace(node=ours), server, paths=(), hidden=False)  # type: ignore[arg-type]
+        services = ServiceBridge(command_node_of(ours), server, paths=(), hidden=False)
         services.refresh()
         names = lambda: {one.advertisement["name"]: one.call for one in server.services.values()}  # noqa: E731
         await until(lambda: "/trigger" in names())

@@ -432,8 +432,6 @@ async def test_topic_plot_ends_after_message_count_or_duration(node: Node, tool:
 
 
 async def test_topic_plot_redraws_window_until_closed(node: Node, tool: Any, monkeypatch: Any) -> None:
-    from rosidl_py_gen.ros_cli.topic import plot
-
     drawn: list[int] = []
 
     class Window:
@@ -445,7 +443,7 @@ async def test_topic_plot_redraws_window_until_closed(node: Node, tool: Any, mon
             if panels is not None:
                 drawn.append(panels[0].count)
 
-    monkeypatch.setattr(plot, "plot_window", lambda count, in_terminal: nullcontext(Window()))
+    monkeypatch.setattr(output, "plot_window", lambda count, in_terminal: nullcontext(Window()))
     process = await tool.start("topic", "plot", "/f")
     await send_numbers(node.create_publisher(Float64, "/f"), 5, 0.4)
     ended = await tool.end(process)

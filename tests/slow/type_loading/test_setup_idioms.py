@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from support.setup_idioms import AROUND, DYNAMIC, ENDS, STATIC, Installer, is_compared, is_program, write_package
 
 from rosidl_py_gen.prefix.package_plan import PackagePlan
-from rosidl_py_gen.prefix.setup_process import run_setup_py
 
 pytestmark = [
     pytest.mark.real_time("setup.py runs in processes"),
@@ -41,7 +40,7 @@ def compare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Case]:
         place = top / str(next(count))
         write_package(place / "foo", names, end, around)
         static = PackagePlan("foo", place / "foo")  # first, before setup.py can create files
-        exact = PackagePlan("foo", place / "foo", run_setup_py)
+        exact = PackagePlan("foo", place / "foo", runs_setup=True)
         installed = installer.install(place / "foo", place / "out")
         assert exact.notes == [] and exact.problems == []
         assert _contents(exact) == installed

@@ -11,7 +11,7 @@ from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import GENERATED_HEADER
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select, split_filter
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
@@ -221,7 +221,6 @@ IMPLIED = ["action_msgs", "builtin_interfaces", "service_msgs", "unique_identifi
 )
 def test_selection_of_interfaces_includes_their_dependencies(tmp_path: Path, wanted: str, names: str) -> None:
     assert chosen(tmp_path, wanted) == {*names.split()}
-    assert split_filter(f" {wanted} ; ;b:c/msg/D") == [wanted, "b", "c/msg/D"]
 
 
 def test_packages_implied_by_actions_are_selected_and_no_filter_selects_all(tmp_path: Path) -> None:
@@ -349,7 +348,7 @@ def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: py
             load(search, [package])
         assert str(caught.value) == f"{package}: {reason}"
         with pytest.raises(TypeNotFoundError) as missing:
-            read_checked(InterfaceRegistry(search), RosName(package, "msg", "A"))
+            InterfaceRegistry(search).read_checked(RosName(package, "msg", "A"))
         subject = f'no package "{package}" for {package}/msg/A'
         if package == "made_msgs":
             reason = f"no package: the importable package generated/made_msgs has no made_msgs/msg/A; generate it again {where}"

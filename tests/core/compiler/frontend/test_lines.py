@@ -14,7 +14,7 @@ from rosidl_py_gen.base.names import (
     is_interface_name,
     is_package_name,
 )
-from rosidl_py_gen.compiler.frontend.model import ActionDef, ConstantDef, FieldDef, ServiceDef, messages_of
+from rosidl_py_gen.compiler.frontend.model import ActionDef, ConstantDef, FieldDef, ServiceDef
 
 PRIMITIVE = [
     *("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32"),
@@ -52,7 +52,7 @@ def test_field_type_is_parsed(text: str, kind: str) -> None:
 @pytest.mark.parametrize("kind", ["srv", "action"])
 def test_type_names_without_package_mean_messages_of_the_own_package(kind: str) -> None:
     interface = parse("Other x\n---\nOther y" + "\n---" * (kind == "action"), f"a_msgs/{kind}/Sample")
-    first = messages_of(interface)[0]
+    first = interface.messages[0]
     assert str(first.fields[0].type) == "a_msgs/msg/Other"
 
 

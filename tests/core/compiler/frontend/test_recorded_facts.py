@@ -11,7 +11,7 @@ from support.interface_packages import TEST_INTERFACES, VECTORS
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.frontend.model import MessageDef, sections_of
+from rosidl_py_gen.compiler.frontend.model import MessageDef
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
@@ -70,7 +70,7 @@ def test_definition_has_the_recorded_fields_and_constants(library: InterfaceRegi
     assert interface is not None, library.diagnostics.items
     recorded = FACTS[name]
     names = SECTION_NAMES[name.split("/")[1]]
-    for section, message in zip(names, sections_of(interface), strict=True):
+    for section, message in zip(names, interface.sections, strict=True):
         wanted = expected(recorded[section] if section else recorded, name.split("/")[0])
         assert repr(facts(message)) == repr(wanted)  # repr: 1 is not True, 1.0 is not 1
 

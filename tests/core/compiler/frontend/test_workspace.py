@@ -10,7 +10,7 @@ from support.interface_packages import write
 from support.program_processes import PACKAGE_XML
 
 from rosidl_py_gen.compiler.frontend import search_path
-from rosidl_py_gen.compiler.frontend.search_path import Workspace, workspace_around
+from rosidl_py_gen.compiler.frontend.search_path import Workspace
 
 
 def packages(folder: Path, *places: str) -> None:
@@ -22,7 +22,7 @@ def test_packages_of_any_depth_are_found_except_in_packages_and_ignored_folders(
     packages(tmp_path, "near", "near/inside", f"{deep}/far", "skipped/one", ".hidden/two", "venv/three")
     write(tmp_path, {"skipped/COLCON_IGNORE": "", "venv/pyvenv.cfg": ""})
     os.symlink(tmp_path, tmp_path / "d0" / "loop")
-    found = workspace_around(tmp_path)
+    found = Workspace.around(tmp_path)
     assert found is not None and found.packages == {"near": tmp_path / "near", "far": tmp_path / deep / "far"}
     assert found.roots == [tmp_path / "near", tmp_path / deep / "far"] and not found.limit_text
 

@@ -19,7 +19,7 @@ from support.inner_state import scope_of
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.runtime import Context
-from rosidl_py_gen.security.policy import ALLOW, PolicyEnclave, PolicyRule, permissions_xml, read_policy
+from rosidl_py_gen.security.policy import ALLOW, PolicyEnclave, PolicyRule, SecurityPolicy, permissions_xml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +42,7 @@ GOOD = '<topics publish="ALLOW"><topic>t</topic></topics>'
 def problems(path: Path, text: str | bytes) -> list[str]:
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     with pytest.raises(DefinitionError) as caught:
-        read_policy(str(path))
+        SecurityPolicy.read(str(path))
     for one in caught.value.diagnostics:
         assert one.path.endswith(".xml"), one
     return [f"{Path(one.path).name}:{one.line}: {one.text}" for one in caught.value.diagnostics]
@@ -54,7 +54,7 @@ def policy(content: str) -> str:
 
 def test_valid_policy_is_read(tmp_path: Path) -> None:
     (tmp_path / "p.xml").write_text(policy(GOOD))
-    assert read_policy(str(tmp_path / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
+    assert SecurityPolicy.read(str(tmp_path / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
 
 
 WRONG = {
@@ -214,7 +214,7 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("href", ["inside.xml", "sub/deep.xml", "./sub/../inside.xml", "in%73ide.xml"])
 def test_files_below_policy_folder_can_be_included(folder: Path, href: str) -> None:
     (folder / "p.xml").write_text(policy(include(href)))
-    assert read_policy(str(folder / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
+    assert SecurityPolicy.read(str(folder / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
 
 
 PATHS = "expected the path of a file below the folder of the policy"
@@ -249,16 +249,16 @@ def test_includes_through_links_leaving_the_folder_are_refused(folder: Path) -> 
     (found,) = problems(folder / "p.xml", policy(include("loop.xml")))
     assert "is not a file" in found
     (folder / "p.xml").write_text(policy(include("inner.xml")))
-    read_policy(str(folder / "p.xml"))
+    SecurityPolicy.read(str(folder / "p.xml"))
 
 
 def test_includes_are_relative_to_folder_of_link_not_of_its_target(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "real.xml").write_text(policy(include("inside.xml")))
     (folder / "link.xml").symlink_to("../real.xml")
     with pytest.raises(DefinitionError, match=r"real\.xml|link\.xml") as caught:
-        read_policy(str(tmp_path / "real.xml"))
+        SecurityPolicy.read(str(tmp_path / "real.xml"))
     assert "is not a file" in str(caught.value)
-    read_policy(str(folder / "link.xml"))
+    SecurityPolicy.read(str(folder / "link.xml"))
 
 
 def test_invalid_includes_are_reported(folder: Path) -> None:
@@ -297,7 +297,7 @@ def test_include_without_xpointer_inserts_whole_file(folder: Path) -> None:
     (folder / "profile.xml").write_text(f"<profile ns='/' node='other'>{GOOD}</profile>")
     text = policy(GOOD).replace("</profiles>", f"{include('profile.xml', '')}</profiles>")
     (folder / "p.xml").write_text(text)
-    assert len(read_policy(str(folder / "p.xml")).enclaves["/a"].grants[0]) == 2
+    assert len(SecurityPolicy.read(str(folder / "p.xml")).enclaves["/a"].grants[0]) == 2
 
 
 def test_doubling_includes_are_limited(folder: Path) -> None:
@@ -330,7 +330,7 @@ def test_arbitrary_bytes_are_read_or_reported_as_invalid(
     path = tmp_path_factory.getbasetemp() / "any.xml"
     path.write_bytes(policy(GOOD).encode().replace(b">t<", b">" + data + b"<") if inside else data)
     try:
-        read_policy(str(path))
+        SecurityPolicy.read(str(path))
     except DefinitionError as error:
         assert "expected" in str(error) or "not XML" in str(error) or "refused" in str(error)
 
@@ -386,7 +386,7 @@ async def test_generate_policy_adds_no_names_to_rules_that_allow_more(graph: Non
         '<metadata x="1"><b xmlns="urn:b" y="&lt;"/>text</metadata></profiles></enclave></enclaves></policy>'
     )
     await tool("security", "generate_policy", str(path))
-    rules = read_policy(str(path)).enclaves["/demo/talker"].grants[0]
+    rules = SecurityPolicy.read(str(path)).enclaves["/demo/talker"].grants[0]
     found = {tuple(sorted(rule.access)): set(rule.names) for rule in rules if rule.kind == "topics"}
     assert found == {
         ("publish", "subscribe"): {"/both"},
@@ -419,7 +419,7 @@ async def test_generate_policy_writes_through_symbolic_link(graph: None, tool: T
     (tmp_path / "link.xml").symlink_to("policy.xml")
     await tool("security", "generate_policy", str(tmp_path / "link.xml"))
     assert (tmp_path / "link.xml").is_symlink()
-    assert set(read_policy(str(tmp_path / "policy.xml")).enclaves) == {"/demo/talker", "/demo/listener"}
+    assert set(SecurityPolicy.read(str(tmp_path / "policy.xml")).enclaves) == {"/demo/talker", "/demo/listener"}
 
 
 async def test_generate_policy_skips_nodes_with_invalid_names(memory: World, tool: Tool, tmp_path: Path) -> None:
@@ -430,7 +430,7 @@ async def test_generate_policy_skips_nodes_with_invalid_names(memory: World, too
     ended = await tool("security", "generate_policy", str(path))
     assert ended.code == 0
     assert ended.err.count("skipped node ") == ended.err.count("\n") > 0
-    assert [*read_policy(str(path)).enclaves] == ["/"]
+    assert [*SecurityPolicy.read(str(path)).enclaves] == ["/"]
     assert path.read_text().count("<profile ") == 1
 
 
@@ -443,7 +443,7 @@ async def test_generated_policy_allows_actions_by_their_topics_and_services(
     client.create_action_client(Fibonacci, "count")
     path = tmp_path / "policy.xml"
     assert (await tool("security", "generate_policy", str(path))).code == 0
-    (rules,) = read_policy(str(path)).enclaves["/"].grants
+    (rules,) = SecurityPolicy.read(str(path)).enclaves["/"].grants
     for node, attribute in (("server", "execute"), ("client", "call")):
         made = tuple(
             rule for rule in rules if ("reply" in rule.access or "publish" in rule.access) == (node == "server")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.base.fieldtype import parse_field_type
-from rosidl_py_gen.compiler.migration import MigrationError, MigrationRules, RenameRule, plan
+from rosidl_py_gen.ros_cli.bag.migration import MigrationError, MigrationRules, RenameRule, plan
 
 A = "a_msgs/msg/A"
 

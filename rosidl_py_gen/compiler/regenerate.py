@@ -1,4 +1,4 @@
-"""``python -m rosidl_py_gen.generator_cli.regenerate [--check]``: generate the committed `rosidl_py_gen/msgs`."""
+"""``python -m rosidl_py_gen.compiler.regenerate [--check]``: generate the committed `rosidl_py_gen/msgs`."""
 
 from __future__ import annotations
 
