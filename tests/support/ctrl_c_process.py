@@ -9,7 +9,6 @@ from typing import Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin
-from support.inner_state import scope_of
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 TRANSPORT = MemoryTransport()
@@ -44,7 +43,7 @@ def main_with_callbacks(execute: Any) -> None:
     node = open_node("server")
     node.create_action_server(Fibonacci, "fib", execute)
     client = node.create_action_client(Fibonacci, "fib")
-    timer: Any = node.create_wall_timer(0.05, lambda: (timer.close(), scope_of(node).create_task(send(client))))
+    timer: Any = node.create_wall_timer(0.05, lambda: (timer.close(), node._scope.create_task(send(client))))
     spin(node)
 
 
