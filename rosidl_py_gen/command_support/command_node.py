@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import InvalidNameError
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.runtime import Node
-
-T = TypeVar("T")
 
 _MIN_DISCOVERY_S = 0.2
 """Minimum time to wait for discovery, in seconds; peers on a quiet network reply within milliseconds."""
@@ -307,20 +305,3 @@ class CommandNode:
 
 
 _NO_PEERS = "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-py doctor` to see other participants"
-
-
-async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
-    """Await requests to nodes concurrently; return results by node name. A failed request only prints a note."""
-    from rosidl_py_gen.command_support import terminal_output
-    from rosidl_py_gen.errors import RosidlError
-
-    results: dict[str, T] = {}
-    outcomes = await asyncio.gather(*requests.values(), return_exceptions=True)
-    for name, outcome in zip(requests, outcomes, strict=True):
-        if isinstance(outcome, RosidlError):
-            terminal_output.note(f"{name}: {outcome}")
-        elif isinstance(outcome, BaseException):
-            raise outcome
-        else:
-            results[name] = outcome
-    return results

@@ -1,10 +1,8 @@
-"""Functions that make the commands ``list``, ``find`` and ``type``, which are the same for topics, services and
-actions.
-"""
+"""Commands ``list``, ``find`` and ``type``, equal for topics, services and actions, and requests to many nodes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -13,13 +11,14 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import Node
 
     Option = Callable[[Any], Any]
     Rows = Callable[[Node], list[dict[str, Any]]]
+T = TypeVar("T")
 
 
 async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, type_name: str = "") -> list[Any]:
@@ -36,6 +35,24 @@ async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, 
     command_node.note_if_alone()
     rows = [row for row in rows_of(command_node.node) if hidden or not is_hidden(row["name"])]
     return [row for row in rows if not type_name or type_name in row["types"]]
+
+
+async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
+    """Await requests to nodes concurrently; return results by node name. A failed request only prints a note."""
+    import asyncio
+
+    from rosidl_py_gen.errors import RosidlError
+
+    results: dict[str, T] = {}
+    outcomes = await asyncio.gather(*requests.values(), return_exceptions=True)
+    for name, outcome in zip(requests, outcomes, strict=True):
+        if isinstance(outcome, RosidlError):
+            terminal_output.note(f"{name}: {outcome}")
+        elif isinstance(outcome, BaseException):
+            raise outcome
+        else:
+            results[name] = outcome
+    return results
 
 
 def list_verb(kind: str, examples: str, rows_of: Rows, *more: Option) -> Callable[..., None]:

@@ -95,7 +95,7 @@ async def get(command_node: CommandNode, node: str | None, hidden: bool, timeout
             state = await remote.state()
         terminal_output.result([_text(state)], as_json, _row(state))
         return 0
-    from rosidl_py_gen.command_support.command_node import results_by_name
+    from rosidl_py_gen.ros_cli.graph_verbs import results_by_name
 
     await command_node.wait_for_discovery()
     names = _lifecycle_nodes(command_node, hidden=hidden)

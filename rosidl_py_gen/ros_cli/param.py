@@ -99,7 +99,7 @@ async def list_(
     rosidl-py param list /talker --param-type
     rosidl-py param list --filter '.*rate'
     """
-    from rosidl_py_gen.command_support.command_node import results_by_name
+    from rosidl_py_gen.ros_cli.graph_verbs import results_by_name
 
     regex = options.compile_pattern(pattern or "", "--filter")
 
