@@ -417,6 +417,11 @@ class Context:
         self.close()
 
 
+def core_of(context: Context) -> ContextCore:
+    """Return the internal part of a context, which its users do not see."""
+    return context._core
+
+
 def reserve_default_context() -> Context:
     """Return the default context, and keep it open until `adopt` or `close_if_unused` is called for this
     reservation.

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from support.bag_samples import write_foreign
+from support.inner_state import type_fields
 from support.rclpy_messages import hooked
 
 from rosidl_py_gen import DefinitionError, compile_definition, get_message
@@ -71,14 +72,14 @@ def test_texts_of_bags_are_refused() -> None:
     schema: Any = SimpleNamespace(name="wide_msgs/msg/Wide", data=WIDE.encode(), encoding="ros2msg")
     with pytest.raises(DefinitionError, match=REASON):
         DecoderFactory().decoder_for("cdr", schema)
-    assert len(compile_definition("wide_msgs/msg/AtLimit", AT_LIMIT)._TYPE.fields) == MAX_ELEMENTS
+    assert len(type_fields(compile_definition("wide_msgs/msg/AtLimit", AT_LIMIT))) == MAX_ELEMENTS
 
 
 def test_descriptions_of_nodes_are_refused() -> None:
     """A description has at most 1000 fields of one type; nested messages make more of them."""
     small = compile_definition("wide_msgs/msg/Pair", "float32 x\nfloat32 y\n")
     rows = [(f"f{i}", FieldType.parse("wide_msgs/msg/Pair"), "") for i in range(700)]
-    pair = [(field.ros_name, field.type, "") for field in small._TYPE.fields]
+    pair = [(field.ros_name, field.type, "") for field in type_fields(small)]
     described = {
         name: individual_description(name, found)
         for name, found in {"wide_msgs/msg/Many": rows, "wide_msgs/msg/Pair": pair}.items()

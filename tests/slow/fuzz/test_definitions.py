@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from support.example_counts import examples
 
-from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict
+from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict, type_hash, type_name
 from rosidl_py_gen.bags import DecoderFactory
 from rosidl_py_gen.base.descriptions import individual_descriptions
 from rosidl_py_gen.cdr.type_queries import type_description
@@ -160,8 +160,8 @@ def used(cls: Any) -> None:
         value = cls()
         assert encode(decode(cls, encode(value))) == encode(value)
         from_dict(cls, to_dict(value))
-        again = compile_definition(cls._TYPE.name, definition_text(cls))
-        assert again._TYPE.hash == cls._TYPE.hash
+        again = compile_definition(type_name(cls), definition_text(cls))
+        assert type_hash(again) == type_hash(cls)
 
     run_bounded(use)
 
@@ -206,9 +206,9 @@ class Definitions(RuleBasedStateMachine):
         if text is not None:
             place = change[0] % (len(text) + 1)
             self._keep(
-                run_bounded(lambda: compile_definition(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :]))
+                run_bounded(lambda: compile_definition(type_name(cls), text[:place] + change[1] + text[place + 1 :]))
             )
-        run_bounded(lambda: DescribedType(cls._TYPE.name, individual_descriptions(type_description(cls))).load())
+        run_bounded(lambda: DescribedType(type_name(cls), individual_descriptions(type_description(cls))).load())
 
 
 TestDefinitions = Definitions.TestCase

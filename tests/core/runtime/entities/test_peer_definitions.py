@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.announced_types import humble_node, without_hash
+from support.inner_state import graph_of, participant_of, reader_of
 from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash, type_loading
@@ -102,7 +103,7 @@ async def test_every_way_to_receive_skips_messages_of_another_definition(memory:
         await until(lambda: subscription.incompatible_dropped == 1)
         assert received == [expected]
         return
-    await until(lambda: len(subscription._items) == 2)
+    await until(lambda: len(reader_of(subscription).queue.items) == 2)
     got = {"latest": subscription.latest, "take": subscription.take}.get(form, lambda: None)()
     got = await subscription.receive(5) if got is None else got
     assert got == {"dict": to_dict(expected), "raw": expected.encode()}.get(form, expected)
@@ -280,7 +281,7 @@ async def test_humble_writer_with_same_definition_is_examined_only_once(
     await bob.wait_for_node("alice", 10)
     publisher.publish_raw(Event(timestamp=1).encode())
     assert (await subscription.receive(20)).timestamp == 1
-    monkeypatch.setattr(type(bob._scope.graph), "is_humble", lambda *_: pytest.fail("examined again"))
+    monkeypatch.setattr(type(graph_of(bob)), "is_humble", lambda *_: pytest.fail("examined again"))
     publisher.publish_raw(Event(timestamp=2).encode())
     assert (await subscription.receive(20)).timestamp == 2
 
@@ -289,15 +290,15 @@ async def test_ros_participant_without_node_names_is_treated_as_humble(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alice, bob = memory.pair()
-    monkeypatch.setattr(bob._scope.graph, "is_humble", lambda guid: None)
+    monkeypatch.setattr(graph_of(bob), "is_humble", lambda guid: None)
     events, ranges = bob.create_subscription(LyricalEvent, "events"), bob.create_subscription(Range, "ranges")
     event = alice.create_publisher(without_hash(Event), "events")
     distance = alice.create_publisher(without_hash(Range), "ranges")
     assert await event.wait_for_subscribers(20) and await distance.wait_for_subscribers(5)
     for is_ros in (True, False):
-        monkeypatch.setattr(bob._scope.graph, "is_ros", lambda guid, is_ros=is_ros: is_ros)
+        monkeypatch.setattr(graph_of(bob), "is_ros", lambda guid, is_ros=is_ros: is_ros)
         event.publish_raw(Event(timestamp=1).encode())
-        await until(lambda: len(events._items) == 1)
+        await until(lambda: len(reader_of(events).queue.items) == 1)
         # All that is known of a program without ROS is the size.
         assert (events.take() is None) is is_ros
         distance.publish_raw(Range(range=2.0).encode())
@@ -313,8 +314,8 @@ async def test_new_definition_published_by_humble_node_is_dropped(memory: World)
     publisher = peer.create_publisher(hashless, "played")
     await publisher.wait_for_subscribers(10)
     await until(lambda: subscription.publisher_count == 1)
-    for participant in reader._scope.graph.participants():
-        reader._scope.participant.endpoint_index.apply([NodesAnnounced(participant.guid, (), is_humble=True)])
+    for participant in graph_of(reader).participants():
+        participant_of(reader).endpoint_index.apply([NodesAnnounced(participant.guid, (), is_humble=True)])
     publisher.publish(hashless(range=1.0, variance=9.0))
     with pytest.raises(WaitTimeoutError, match="announces no type hash, and it is of ROS 2 Humble"):
         await subscription.receive(timeout_s=0.5)
@@ -444,8 +445,8 @@ async def test_unlogged_drop_is_logged_when_context_closes(memory: World, caplog
     reader, peer = memory.node("reader", context=memory.context()), memory.node("peer", context=memory.context())
     subscription, publisher = reader.create_subscription(Range, "t"), peer.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
-    for participant in reader._scope.graph.participants():
-        reader._scope.participant.endpoint_index.set_nodes(participant.guid, ())  # their names may arrive seconds later
+    for participant in graph_of(reader).participants():
+        participant_of(reader).endpoint_index.set_nodes(participant.guid, ())  # their names may arrive seconds later
     publisher.publish_raw(HumbleRange(range=1.0).encode())
     await until(lambda: subscription.take() is None and subscription.incompatible_dropped == 1)
     assert "are dropped" not in caplog.text
