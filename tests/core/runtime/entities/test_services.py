@@ -128,7 +128,7 @@ async def test_call_that_cannot_be_sent_leaves_no_timeout(memory: World, monkeyp
     monkeypatch.setattr(services, "TimeoutTable", RecordingTable)
 
     with monkeypatch.context() as patched:
-        patched.setattr(client._transport_client, "send", refuse)
+        patched.setattr(transport_end_of(client), "send", refuse)
         with pytest.raises(TransportError, match="no memory"):
             await client.call(Request(), timeout_s=60)
     assert timeouts == [] and client.in_flight_count == 0
