@@ -288,6 +288,8 @@ def _parse_profile(row: Any) -> QoSProfile:
             values[policy.field] = policy.enum[value.upper()] if isinstance(value, str) else policy.enum(value)
         elif policy.is_period:
             values[policy.field] = min(int(row[name]["sec"]) * NS_PER_S + int(row[name]["nsec"]), INFINITE_NS)
-        elif not policy.is_flag:  # the flag is a matter of the topic's name, which the bag has
+        elif policy.limits is not None:
             values[policy.field] = int(row[name])
+        elif name != "avoid_ros_namespace_conventions":  # a matter of the topic's name, which the bag has
+            values[policy.field] = row[name]
     return QoSProfile(**values)

@@ -365,9 +365,9 @@ def compressedimage_to_array(
             ``PIL.Image.MAX_IMAGE_PIXELS`` must be raised as well.
 
     Returns:
-        uint8 of shape ``(height, width, 3)``, red first also for other encodings; ``(height, width, 4)`` if some
-        pixels are transparent; ``(height, width)`` of uint8 or uint16 without colours. Depths are uint16, or float32
-        with NaN for unknown depths.
+        uint8 of shape ``(height, width, 3)``, in the order red, green, blue for every encoding;
+        ``(height, width, 4)`` if some pixels are transparent; ``(height, width)`` of uint8 or uint16 without colours.
+        Depths are uint16, or float32 with NaN for unknown depths.
 
     Raises:
         ConversionError: the data is damaged, too large, or has another format; or it cannot be converted to `to`.

@@ -145,7 +145,7 @@ def make_importable(place: Path, paths: Sequence[str]) -> None:
 
         terminal_output.note(
             f"warning: rclpy comes from rosidl-py-gen {__version__}, not from {Path(real.origin).parent}; "
-            "so are its companions and all messages"
+            "so do its companions and all messages"
         )
         warnings.filterwarnings("ignore", category=ImportHookWarning)
     install_import_hook(message_api="rclpy", path=paths, workspace_of=_workspace_folder(place), override_installed=True)

@@ -307,6 +307,22 @@ _GRACE_S = 1.0
 Ctrl-C."""
 
 
+def is_launch_file(word: str) -> bool:
+    """Return True for the path of a launch file, False for the name of a package.
+
+    Raises:
+        CommandError: the word is neither; a text that looks like a path names no file.
+    """
+    if os.path.isfile(word):
+        return True
+    if os.sep in word or word.endswith((".py", *_PARSERS)):
+        kind = "it is a folder" if os.path.isdir(word) else "no such file"
+        raise CommandError(f"{word}: expected a launch file, {kind}")
+    if not is_ament_name(word):
+        raise CommandError(f'"{word}" is not a file, nor the name of a package; expected {NAME_RULE}')
+    return False
+
+
 def start(
     words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str], settings: Mapping[str, Any]
 ) -> Callable[[], None]:
@@ -318,12 +334,7 @@ def start(
     Raises:
         CommandError: the launch file, its package, or a package of ROS that launch needs does not exist.
     """
-    is_file = os.path.isfile(words[0])
-    if not is_file and (os.sep in words[0] or words[0].endswith((".py", *_PARSERS))):
-        kind = "it is a folder" if os.path.isdir(words[0]) else "no such file"
-        raise CommandError(f"{words[0]}: expected a launch file, {kind}")
-    if not (is_file or is_ament_name(words[0])):
-        raise CommandError(f'"{words[0]}" is not a file, nor the name of a package; expected {NAME_RULE}')
+    is_file = is_launch_file(words[0])
     pairs = [word.partition(":=") for word in words[1 if is_file else 2 :]]
     place = Path(words[0]).resolve() if is_file else Path.cwd()
     prefix = build_prefix(roots(workspaces([*paths, *checkouts], place)), runs_setup=True)

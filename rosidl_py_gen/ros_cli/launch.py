@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -57,15 +56,14 @@ def launch(
         return None
     if not words:
         raise click.UsageError(f"expected {_WORDS}, or --install")
-    from rosidl_py_gen.prefix.launch_files import start
+    from rosidl_py_gen.prefix.launch_files import is_launch_file, start
 
     if settings["show_args"] and settings["print"]:
         raise click.UsageError("--show-args and --print-description exclude each other")
     if settings["launch_prefix_filter"] and not settings["launch_prefix"]:
         raise click.UsageError("--launch-prefix-filter requires --launch-prefix")
-    run = start(words, paths, checkouts, settings)  # a missing file is reported before a wrong argument
-    for word in words[1 if os.path.isfile(words[0]) else 2 :]:
+    for word in words[1 if is_launch_file(words[0]) else 2 :]:
         name, mark, _ = word.partition(":=")
         if not (name and mark):
             raise click.UsageError(f'expected NAME:=VALUE, found "{word}"')
-    return exit_on_error()(run)
+    return exit_on_error()(start(words, paths, checkouts, settings))

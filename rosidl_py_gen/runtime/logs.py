@@ -49,6 +49,7 @@ LEVEL_NAMES = {UNSET: "UNSET", DEBUG: "DEBUG", INFO: "INFO", WARN: "WARN", ERROR
 _LEVELS = {name: level for level, name in LEVEL_NAMES.items()}
 _INTERNAL_FILES = frozenset({logging.info.__code__.co_filename, __file__})
 _PACKAGE_FOLDER = str(Path(__file__).parents[1]) + os.sep
+_LIBRARY_FOLDER = os.path.dirname(os.__file__) + os.sep
 
 
 class LogLevelError(RosidlError, ValueError):
@@ -233,15 +234,23 @@ def get_logger(name: str) -> RosLogger:
 
 
 def caller_stacklevel() -> int:
-    """Return the `stacklevel` of a record that names the first caller outside of this package; 1 if there is none."""
+    """Return the `stacklevel` of a record that names the first caller outside of this package and Python's library.
+
+    Returns 1 if there is no such caller.
+    """
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_code.co_filename in _INTERNAL_FILES:
         frame = frame.f_back
-    while frame.f_code.co_filename.startswith(_PACKAGE_FOLDER):
+    while _is_internal(frame.f_code.co_filename):
         if frame.f_back is None:
             return 1
         frame, level = frame.f_back, level + 1
     return level
+
+
+def _is_internal(file: str) -> bool:
+    is_library = file.startswith(_LIBRARY_FOLDER) and not file.startswith(_LIBRARY_FOLDER + "site-packages")
+    return is_library or file.startswith((_PACKAGE_FOLDER, "<frozen "))
 
 
 def internal_logger() -> RosLogger:

@@ -38,6 +38,8 @@ have steps of 2 s."""
 
 def workspace_packages(workspace: Workspace) -> dict[str, Path]:
     """Return the folders of a workspace's packages by name, from the cache if nothing has changed."""
+    if disk_cache.own_folder() is None:
+        return workspace.packages
     settings = ("workspace", str(workspace.folder), workspace.depth, str(workspace.own))
 
     def scan() -> dict[str, str]:

@@ -187,7 +187,7 @@ def _middleware(command_node: CommandNode) -> Iterator[Finding]:
     if reason is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
-        advice = "use another libddsc, from the wheel of cyclonedds or at the path in ROSIDL_LIBDDSC"
+        advice = "use another libddsc, from the wheel of cyclonedds or a library that ROSIDL_LIBDDSC names"
         text = f"topics work with all nodes, services only with nodes on Cyclone DDS: {reason}"
         yield Finding(WARNING, text, advice)
     for capability, state in command_node.context.library_capabilities.items():

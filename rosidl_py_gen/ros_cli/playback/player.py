@@ -408,9 +408,8 @@ class Player:
         while self._next is not None:
             item = self._next
             self._advance()
-            was_sent = self._publish(item)
             self.timeline.jump(self._due(item))
-            if was_sent:
+            if self._publish(item):
                 return True
         return False
 

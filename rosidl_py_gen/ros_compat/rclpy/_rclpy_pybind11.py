@@ -105,7 +105,9 @@ class ClockChange(EnumOfC):
 rmw_qos_policy_kind_t: Any = EnumOfC(  # type: ignore[call-arg]
     "rmw_qos_policy_kind_t", {f"RMW_QOS_POLICY_{kind.name}": kind.value for kind in QoSPolicyKind}, module=__name__
 )
-"""QoS policy that makes two endpoints incompatible, named as in C, with the numbers of `rclpy.qos.QoSPolicyKind`."""
+rmw_qos_policy_kind_t.__doc__ = (
+    "QoS policy that makes two endpoints incompatible, named as in C; `rclpy.qos.QoSPolicyKind` has the same numbers."
+)
 
 
 class QoSCompatibility(EnumOfC):

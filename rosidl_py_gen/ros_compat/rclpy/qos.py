@@ -151,13 +151,11 @@ _DEFAULTS: dict[str, Any] = {
     "liveliness_lease_duration": Duration(),
     "avoid_ros_namespace_conventions": False,
 }
-_DEFAULTS |= {
-    policy.rmw_name: getattr(presets.DEFAULT, policy.field)
-    for policy in presets.POLICIES
-    if policy.rmw_name not in _DEFAULTS
-}
 """Defaults of rmw by field of a QoS profile; fields that rclpy does not have come last. `history` precedes `depth`,
 because the setter of `depth` reads it."""
+for _policy in presets.POLICIES:
+    _default = getattr(presets.DEFAULT, _policy.field)
+    _DEFAULTS.setdefault(_policy.rmw_name, Duration(nanoseconds=_default) if _policy.is_period else _default)
 
 
 class QoSProfile:
@@ -243,11 +241,12 @@ class QoSProfile:
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!s}' for name in _DEFAULTS)})"
 
 
-for _name, _default in _DEFAULTS.items():
-    if not hasattr(QoSProfile, _name):
-        _field = Checked[Any](type(_default))
-        _field.__set_name__(QoSProfile, _name)
-        setattr(QoSProfile, _name, _field)
+for _policy in presets.POLICIES:
+    if not hasattr(QoSProfile, _policy.rmw_name):
+        _kind: Any = _policy.enum
+        _field = Checked[Any](int if _kind else type(_DEFAULTS[_policy.rmw_name]), convert=_kind)
+        _field.__set_name__(QoSProfile, _policy.rmw_name)
+        setattr(QoSProfile, _policy.rmw_name, _field)
 
 DeadlineBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)  # spelled as in rclpy

@@ -53,6 +53,10 @@ _FORKED = (
 open_contexts: set[ContextCore] = set()
 
 
+def _warn(sentence: str) -> None:
+    get_root_logger().warning(sentence, stacklevel=caller_stacklevel())
+
+
 class ContextCore:
     """Components of a `Context`, such as participant and nodes; `Context` documents parameters and exceptions."""
 
@@ -85,12 +89,13 @@ class ContextCore:
         self, settings: DomainSettings, transport: Transport, announce_delay_s: float, loop_runner: LoopRunner | None
     ) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
-            get_root_logger().warning(sentence, stacklevel=caller_stacklevel())
-        is_supported, warn = getattr(transport, "has_security", False), get_root_logger().warning
-        security = find_security(os.environ, self.enclave, warn, is_supported=is_supported)
+            _warn(sentence)
+        is_supported = getattr(transport, "has_security", False)
+        security = find_security(os.environ, self.enclave, _warn, is_supported=is_supported)
         self.settings = settings = replace(settings, security=security)
         if security is not None:
-            get_root_logger().info(f"found security directory {security.folder}")
+            text = f"found security directory {security.folder}"
+            get_root_logger().info(text, stacklevel=caller_stacklevel())
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.enclave)
         try:

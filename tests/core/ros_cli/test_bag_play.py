@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -311,16 +312,25 @@ async def test_progress_is_updated_by_services_of_the_player(
     remote = Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", path, "--start-paused", "--progress-bar-update-rate", "-1")
     await remote("burst", num_messages=3)
+    await remote("play_next")
     await remote("set_rate", rate=0.5)
     await remote("seek", time=_time(1008))
     await remote("resume")
+    await remote("pause")
+    await remote("resume")
     ended = await tool.end(process)
     displayed = re.findall(r"([0-9.]+ s of 9.000 s, .*?); Ctrl-C ends playback", ended.err)
-    assert displayed[3:7] == [
+    assert [line for line, _ in groupby(displayed)][:10] == [
+        "0.000 s of 9.000 s, 1 message, paused",
+        "1.000 s of 9.000 s, 2 messages, paused",
         "2.000 s of 9.000 s, 3 messages, paused",
-        "2.000 s of 9.000 s, 3 messages, at 0.5 times the rate, paused",
-        "8.000 s of 9.000 s, 3 messages, at 0.5 times the rate, paused",
-        "8.000 s of 9.000 s, 3 messages, at 0.5 times the rate",
+        "3.000 s of 9.000 s, 4 messages, paused",
+        "3.000 s of 9.000 s, 4 messages, at 0.5 times the rate, paused",
+        "8.000 s of 9.000 s, 4 messages, at 0.5 times the rate, paused",
+        "8.000 s of 9.000 s, 4 messages, at 0.5 times the rate",
+        "8.000 s of 9.000 s, 5 messages, at 0.5 times the rate",
+        "8.000 s of 9.000 s, 5 messages, at 0.5 times the rate, paused",
+        "8.000 s of 9.000 s, 5 messages, at 0.5 times the rate",
     ]
 
 

@@ -274,7 +274,7 @@ ERRORS = {
     "and AMENT_PREFIX_PATH",
     ("nowhere/x.launch.py",): "nowhere/x.launch.py: expected a launch file, no such file",
     ("nowhere/x.launch.py", "a:=1", "b"): "nowhere/x.launch.py: expected a launch file, no such file",
-    ("robo", "a:=1", "b"): 'no file and no package "robo"; did you mean "robot"?; searched the workspace',
+    ("robo", "a:=1", "b"): 'error: rosidl-py launch: expected NAME:=VALUE, found "b"\n',
     ("src/robot/launch/",): "src/robot/launch/: expected a launch file, it is a folder",
     ("robot", "robot.launch.py", "name=x"): 'error: rosidl-py launch: expected NAME:=VALUE, found "name=x"\n',
     ("robot", "robot.launch.py", "--launch-prefix-filter", "x"): "--launch-prefix-filter requires --launch-prefix",

@@ -174,12 +174,14 @@ def test_warnings_of_a_context_name_the_file_that_made_it(
     open_node: OpenNode, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "NOWHERE")
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "yes")
     monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{file_name} {message}")
     open_node("a", "--log-file-name", "one")
     capsys.readouterr()
     open_node("b", "--log-file-name", "two")
-    file, range_file = [line.split(" ")[:2] for line in capsys.readouterr().err.splitlines()]
-    assert file == [__file__, "log"] and range_file == [__file__, "ROS_AUTOMATIC_DISCOVERY_RANGE"]
+    named = [line.split(" ")[:2] for line in capsys.readouterr().err.splitlines()]
+    texts = ("log", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_SECURITY_ENABLE='yes'")
+    assert named == [[__file__, text] for text in texts]
 
 
 def test_unwritable_log_file_raises_log_file_error(
