@@ -399,6 +399,6 @@ def _class_of_schema(name: str, definition: bytes) -> type[Any]:
     except (UnicodeDecodeError, InvalidNameError) as error:
         raise DefinitionError(Diagnostic(f"<{name[:100]}>", 0, 0, f"the schema cannot be read: {error}")) from None
     if not issubclass(cls, Message):
-        text = "the schema is that of a service or action, expected that of a message"
+        text = "the schema defines a service or action; expected a message"
         raise DefinitionError(Diagnostic(f"<{name[:100]}>", 0, 0, text))
     return cls

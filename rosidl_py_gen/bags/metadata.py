@@ -268,7 +268,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
 def qos_profiles(text: str) -> list[QoSProfile]:
     """Return the QoS profiles that a bag stores for a topic as YAML; [] if the text cannot be read.
 
-    Policies may be stored as numbers or as names.
+    Policies may be stored as numbers or as names. A policy that is not stored has its default.
     """
     try:
         return [_parse_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
@@ -278,13 +278,16 @@ def qos_profiles(text: str) -> list[QoSProfile]:
 
 def _parse_profile(row: Any) -> QoSProfile:
     values: dict[str, Any] = {}
-    for policy in POLICIES:
+    known = [policy for policy in POLICIES if policy.rmw_name in row]  # an older recorder may lack a policy
+    if not known:
+        raise ValueError("no policies")
+    for policy in known:
         name = policy.rmw_name
         if policy.enum is not None:
             value: Any = _scalar(row[name])
             values[policy.field] = policy.enum[value.upper()] if isinstance(value, str) else policy.enum(value)
         elif policy.is_period:
             values[policy.field] = min(int(row[name]["sec"]) * NS_PER_S + int(row[name]["nsec"]), INFINITE_NS)
-        elif policy.field != "avoid_ros_namespace_conventions":  # a matter of the topic's name, which the bag has
+        elif not policy.is_flag:  # the flag is a matter of the topic's name, which the bag has
             values[policy.field] = int(row[name])
     return QoSProfile(**values)

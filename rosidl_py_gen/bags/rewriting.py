@@ -1,7 +1,7 @@
 """Copies of everything in bags except messages, with counts of what the new bag cannot store, and repair of bags.
 
-Attachments, metadata records and schemas without a channel belong to the whole recording. They are copied whatever
-topics and times are selected, as by ``mcap filter``. Metadata records are written first and attachments last, so that
+Attachments, metadata records and schemas without a channel belong to the whole recording. A copy of selected topics or
+times contains all of them, as by ``mcap filter``. Metadata records are written first and attachments last, so that
 chunks stay together. Each writer writes a new record ``rosbag2``, which contains the user's data of the old record
 (docs/internals/protocol.md 16).
 

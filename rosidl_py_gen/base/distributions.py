@@ -78,7 +78,8 @@ def selected(distro: str | None = None) -> DistributionChoice:
     if found is None:
         if name not in _reported:
             _reported.add(name)
-            text = f"{ENVIRONMENT_VARIABLE}: no definitions of {printable(repr(name), 60)}; using those of {DEFAULT}"
+            unknown = printable(repr(name), 60)
+            text = f"{ENVIRONMENT_VARIABLE}: no definitions of {unknown}; using the definitions of {DEFAULT}"
             warnings.warn(DistributionWarning(f"{text}. Known: {_expected()}"), stacklevel=3)
         found = DEFAULT
     return DistributionChoice(found, False)

@@ -77,7 +77,7 @@ def message_columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column
 
 
 def _scalar_columns(cls: type[Any], path: str, ops: list[Op], length: int | None = None) -> Iterator[Column]:
-    """Yield the columns of all numbers, texts and times in a message class, except those in arrays."""
+    """Yield the columns of all numbers, texts and times in a message class, except elements of arrays."""
     for field in cls._TYPE.fields:
         if field.type.arity is Arity.SCALAR:
             yield from _value_columns(field, f"{path}{field.ros_name}", [*ops, field.py_name], length)

@@ -184,7 +184,7 @@ def is_own(found: os.stat_result) -> bool:
 
 
 def make_folder(folder: Path, *, is_private: bool = True) -> None:
-    """Create a folder and its missing parents with permissions that let the user use them, whatever the umask is.
+    """Create a folder and its missing parents with permissions that let the user use them, with any umask.
 
     Args:
         is_private: False if groups and other users may read and enter the folders, unless the umask forbids it.

@@ -378,7 +378,7 @@ class StructuredCodec:
             append(values)
             return begin + count * self.stride
         end = sequence_end_offset(self.cls, begin, count)
-        out = bytearray(end - begin)  # padding is zero, whatever memory contains
+        out = bytearray(end - begin)  # padding must be zero
         self._copy(out, 0, begin, self._rows(values), inward=False)
         append(out)
         return end

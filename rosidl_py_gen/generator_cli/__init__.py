@@ -135,7 +135,7 @@ class _Group(click.Group):
     "--uninstall",
     "action",
     flag_value="uninstall",
-    help="Uninstall message packages of --install and of wheels: all, or those of --filter.",
+    help="Uninstall message packages of --install and of wheels: all, or the packages of --filter.",
 )
 @click.option(
     "--force",
@@ -412,7 +412,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     multiple=True,
     metavar="NAME",
     type=DISTRIBUTION,
-    help="ROS 2 distribution: twice in the place of OLD and NEW, or once in that of OLD.",
+    help="ROS 2 distribution: twice in the place of OLD and NEW, or once in the place of OLD.",
 )
 @_FILTER(help="Packages or interfaces to compare, separated by : or ;. May be repeated.")
 @click.option(
@@ -494,7 +494,7 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
     "file",
     metavar="FILE",
     type=click.Path(dir_okay=False),
-    help="Wheel of cyclonedds with the library, instead of the one of the package index.",
+    help="Wheel of cyclonedds with the library, instead of the wheel of the package index.",
 )
 @_JSON
 def libddsc(file: str | None, as_json: bool) -> None:
@@ -512,11 +512,11 @@ def libddsc(file: str | None, as_json: bool) -> None:
     from rosidl_py_gen.wheels import libddsc
 
     is_found = file is None and library.is_found()
-    path = library.find().file if is_found else (installed := libddsc.install(file)).path
+    path = library.find_library().file if is_found else (installed := libddsc.install(file)).path
     if as_json or _group_option("as_json", False):
         print_json({"libddsc": path, "installed": not is_found})
     else:
-        echo(f"nothing to install: {library.find()}" if is_found else installed.text)
+        echo(f"nothing to install: {library.find_library()}" if is_found else installed.text)
 
 
 @cli.command()

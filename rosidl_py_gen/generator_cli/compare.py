@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.compiler.frontend import (
-    DERIVED_TYPES_PACKAGES,
     MessageDef,
 )
 from rosidl_py_gen.errors import RosidlError
@@ -96,17 +95,7 @@ def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> Definition
 
 def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> DefinitionSet:
     """Return the definitions of a checked interface and of all interfaces that it refers to."""
-    needed: dict[RosName, None] = {}
-    pending = [top]
-    while pending:
-        name = pending.pop()
-        if name in needed:
-            continue
-        needed[name] = None
-        for nested in registry.nested_types(name):
-            if name.kind == "msg" or nested.package not in DERIVED_TYPES_PACKAGES:
-                pending.append(registry.owner(nested) or nested)
-    return collect(registry, needed)
+    return collect(registry, registry.with_dependencies(top))
 
 
 def as_recorded(definitions: DefinitionSet) -> DefinitionSet:

@@ -21,7 +21,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen import encode, to_dict, type_description
 from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
-from rosidl_py_gen.compiler.frontend import InterfaceRegistry, registry_from_descriptions, scan_search_path
+from rosidl_py_gen.compiler.frontend import (
+    InterfaceRegistry,
+    registry_from_descriptions,
+    registry_from_text,
+    scan_search_path,
+)
 from rosidl_py_gen.compiler.generate import load, load_distribution
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
 from rosidl_py_gen.generator_cli import git_revision
@@ -206,17 +211,19 @@ def _from_revision(folder: Path | None, display: str, notes: list[str], paths: S
 
 def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.type_loading import definition_text, registry_of_text
+    from rosidl_py_gen.type_loading import definition_text
 
     parts: list[tuple[str, DefinitionSet]] = []
     notes: list[str] = []
+    search: SearchPath | None = None
     with BagReader(path, search_path=[*paths]) as bag:
         for channel in bag.channels:
             try:
                 found = bag.definition(channel)
                 text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
                 name = split_ros_name(channel.type_name, "msg")
-                registry = registry_of_text(str(name), text)
+                search = search or scan_search_path()  # for types that the text of a bag lacks
+                registry = registry_from_text(name, text, search)
             except RosidlError as error:
                 notes.append(f"{path}: skipped {channel.name} [{channel.type_name}]: {error}")
                 continue
@@ -315,7 +322,7 @@ async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]
         raise SourceError(f"{robot} describes none of its types: {notes[0]}")
     if used["srv"] or used["action"]:
         notes.append(
-            f"{robot}: constants of services and actions are unknown, and defaults may be those of this installation"
+            f"{robot}: constants of services and actions are unknown, and defaults may come from this installation"
         )
     return merge(parts), notes
 

@@ -26,6 +26,8 @@ from click.shell_completion import (
 from rosidl_py_gen.generator_cli.command_line import suggestions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from rosidl_py_gen.compiler.frontend import Package
 
 # bash splits COMP_WORDS at ":" and "=", so the typed line is passed as well. `read` keeps values with "*" or blanks.
@@ -201,6 +203,11 @@ def _last_word(line: str) -> str:
 def items(values: Any, incomplete: str) -> list[CompletionItem]:
     """Return completion items for the values that begin with `incomplete`."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]
+
+
+def found_items(find: Callable[[], Iterable[str]], incomplete: str) -> list[CompletionItem]:
+    """Return completion items for the values that `find` returns; none if it raises an error or is interrupted."""
+    return suggestions(lambda: items(find(), incomplete))
 
 
 # --- rosidl-py-gen ----------------------------------------------------------------------------------------------------

@@ -365,7 +365,7 @@ def compressedimage_to_array(
             ``PIL.Image.MAX_IMAGE_PIXELS`` must be raised as well.
 
     Returns:
-        uint8 of shape ``(height, width, 3)``, red first whatever the original encoding; ``(height, width, 4)`` if some
+        uint8 of shape ``(height, width, 3)``, red first also for other encodings; ``(height, width, 4)`` if some
         pixels are transparent; ``(height, width)`` of uint8 or uint16 without colours. Depths are uint16, or float32
         with NaN for unknown depths.
 

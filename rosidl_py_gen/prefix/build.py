@@ -236,7 +236,7 @@ class _Writer:
         return created, removed
 
     def _write_state(self, places: Iterable[str]) -> None:
-        self._replace(self._state, PrefixFile(content=os.fsencode("\n".join(sorted(places)))))
+        self._write_in_one_step(self._state, PrefixFile(content=os.fsencode("\n".join(sorted(places)))))
 
     def _write_file(self, place: str, file: PrefixFile) -> bool:
         """Write a file of the prefix; returns False if the file is up to date."""
@@ -251,11 +251,11 @@ class _Writer:
             return False
         if exists and place not in self._old:
             raise OSError(0, "there is another file of this name, which is left alone")
-        self._replace(path, file)
+        self._write_in_one_step(path, file)
         return True
 
-    def _replace(self, path: Path, file: PrefixFile) -> None:
-        """Write a file in one step, so that other processes that use the prefix never see an incomplete file."""
+    def _write_in_one_step(self, path: Path, file: PrefixFile) -> None:
+        """Write a file, so that other processes that use the prefix never see an incomplete file."""
         self._new.unlink(missing_ok=True)
         if file.content is not None:
             self._new.write_bytes(file.content)

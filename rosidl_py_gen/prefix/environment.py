@@ -144,7 +144,7 @@ def make_importable(place: Path, paths: Sequence[str]) -> None:
         from rosidl_py_gen import __version__
 
         terminal_output.note(
-            f"warning: rclpy is that of rosidl-py-gen {__version__}, not {Path(real.origin).parent}; "
+            f"warning: rclpy comes from rosidl-py-gen {__version__}, not from {Path(real.origin).parent}; "
             "so are its companions and all messages"
         )
         warnings.filterwarnings("ignore", category=ImportHookWarning)

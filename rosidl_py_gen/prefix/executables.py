@@ -1,4 +1,4 @@
-"""Executables of a package, read from its sources, which are not run.
+"""Executables of a package, read from its sources. Only a setup.py is run, if the caller asks for it.
 
 Executables are console scripts, scripts, the files that CMakeLists.txt installs as PROGRAMS, and Python programs that
 are installed into ``lib/<package>``. An installed package has the console scripts of its distribution, and the

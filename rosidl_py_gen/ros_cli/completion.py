@@ -18,7 +18,6 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import KINDS
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
-from rosidl_py_gen.generator_cli.command_line import suggestions
 from rosidl_py_gen.ros_cli import root, verb
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def complete_enclaves(context: click.Context, incomplete: str) -> list[Completio
 def _items(find: Callable[[], Iterable[str]], incomplete: str) -> list[CompletionItem]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return suggestions(lambda: shells.items(find(), incomplete))
+        return shells.found_items(find, incomplete)
 
 
 def _names(what: str, context: click.Context) -> list[str]:

@@ -21,7 +21,7 @@ from rosidl_py_gen.compiler.frontend import (
     written_messages,
 )
 from rosidl_py_gen.errors import InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.type_loading import cached_descriptions
+from rosidl_py_gen.type_loading import CachedDescription
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -127,7 +127,7 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
     from rosidl_py_gen import to_dict
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 
-    for type_hash, data in cached_descriptions(containing=str(name).encode()):
+    for type_hash, data in CachedDescription.find(containing=str(name).encode()):
         try:
             response = GetTypeDescription_Response.decode(data)
             description = to_dict(response.type_description)

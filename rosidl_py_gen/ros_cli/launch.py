@@ -63,8 +63,9 @@ def launch(
         raise click.UsageError("--show-args and --print-description exclude each other")
     if settings["launch_prefix_filter"] and not settings["launch_prefix"]:
         raise click.UsageError("--launch-prefix-filter requires --launch-prefix")
+    run = start(words, paths, checkouts, settings)  # a missing file is reported before a wrong argument
     for word in words[1 if os.path.isfile(words[0]) else 2 :]:
         name, mark, _ = word.partition(":=")
         if not (name and mark):
             raise click.UsageError(f'expected NAME:=VALUE, found "{word}"')
-    return exit_on_error()(start(words, paths, checkouts, settings))
+    return exit_on_error()(run)

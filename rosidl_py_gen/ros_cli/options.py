@@ -158,7 +158,9 @@ _network_option = partial(click.option, expose_value=False, callback=_into_netwo
 plot_options = all_of(
     click.option(
         "-o",
+        "--output",
         "--out",
+        "out",
         type=click.Path(dir_okay=False),
         metavar="FILE",
         help="Write a file; its ending selects the format: .png, .svg, .pdf, ...",

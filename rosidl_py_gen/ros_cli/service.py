@@ -25,7 +25,7 @@ _hidden = click.option(
     "--include-hidden-services",
     "hidden",
     is_flag=True,
-    help="Include hidden services: those of actions, and others with a part that begins with _.",
+    help="Include hidden services: the services of actions, and others with a part that begins with _.",
 )
 
 

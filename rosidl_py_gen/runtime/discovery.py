@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 _STILL_DELIVERED = "; delivered anyway, because of type_hash_check"
 _DEFINITION_ADVICE = (
-    ". Use the same definition on both sides, or that of the other side: `await node.resolve_type(topic)`, or "
-    "`rosidl-py`, which does that automatically"
+    ". Use the same definition on both sides, or the definition of the other side: `await node.resolve_type(topic)`, "
+    "or `rosidl-py`, which does that automatically"
 )
 _NODE_NAME_GRACE_PERIOD_S = 1.0
 """Time in seconds that a warning about an endpoint waits for the name of the endpoint's node, which usually arrives
@@ -320,7 +320,7 @@ class Discovery:
             advice = _DEFINITION_ADVICE
             if distros:
                 peer = writer if reader.participant_guid == self._participant.guid else reader
-                start = f". The definition of {self.graph.describe_node(peer)} is that of ROS 2 {', '.join(distros)}"
+                start = f". The definition of {self.graph.describe_node(peer)} belongs to ROS 2 {', '.join(distros)}"
                 advice = f"{start}: {distribution_advice(distros, own.service_type or own.type)}"
             text += _STILL_DELIVERED if is_delivered else advice
         if self.on_incompatible_endpoint is not None:

@@ -96,7 +96,7 @@ class Mismatch:
     Attributes:
         writer: sender of the messages or requests.
         reader: receiver of the messages or requests.
-        kind: what differs: the type, the definition of the type, or the QoS.
+        kind: what differs: the type, the definition of the type (on Zenoh also the format of type hashes), or the QoS.
         reason: text for people about both endpoints.
     """
 
@@ -383,12 +383,14 @@ def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple
 
     The result is empty if none has it.
     """
-    from rosidl_py_gen.type_loading import distributions_with
+    from rosidl_py_gen.type_loading import DistributionVariants
 
+    name, own_hash, other_hash = own.service_type or "", own.service_hash, peer.service_hash
+    if peer.type_hash and own.type_hash:
+        name, own_hash, other_hash = own.type, own.type_hash, peer.type_hash
     try:
-        if peer.type_hash and own.type_hash:
-            return distributions_with(own.type, own.type_hash, peer.type_hash)
-        return distributions_with(own.service_type or "", own.service_hash, peer.service_hash)
+        variants = DistributionVariants.find(name, own_hash)
+        return () if variants is None else variants.with_hash(other_hash)
     except RosidlError:  # a definition cannot be read
         return ()
 

@@ -48,6 +48,7 @@ UNSET, DEBUG, INFO, WARN, ERROR, FATAL = 0, 10, 20, 30, 40, 50
 LEVEL_NAMES = {UNSET: "UNSET", DEBUG: "DEBUG", INFO: "INFO", WARN: "WARN", ERROR: "ERROR", FATAL: "FATAL"}
 _LEVELS = {name: level for level, name in LEVEL_NAMES.items()}
 _INTERNAL_FILES = frozenset({logging.info.__code__.co_filename, __file__})
+_PACKAGE_FOLDER = str(Path(__file__).parents[1]) + os.sep
 
 
 class LogLevelError(RosidlError, ValueError):
@@ -229,6 +230,18 @@ def get_logger(name: str) -> RosLogger:
     logger = _manager.getLogger(name)
     assert isinstance(logger, RosLogger)
     return logger
+
+
+def caller_stacklevel() -> int:
+    """Return the `stacklevel` of a record that names the first caller outside of this package; 1 if there is none."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_code.co_filename in _INTERNAL_FILES:
+        frame = frame.f_back
+    while frame.f_code.co_filename.startswith(_PACKAGE_FOLDER):
+        if frame.f_back is None:
+            return 1
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def internal_logger() -> RosLogger:
@@ -574,7 +587,8 @@ class LogOutputs:
         if (settings.stdout, location) not in ((True, None), self._selected):
             get_root_logger().warning(
                 "log switches and log file of this context are ignored: a process has one console and one log file, "
-                "which the first context has selected"
+                "which the first context has selected",
+                stacklevel=caller_stacklevel(),
             )
 
     def _select(self, stdout: bool, location: tuple[Path, str] | None, environ: Mapping[str, str]) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
-    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.node.context import ContextCore
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
@@ -107,7 +107,7 @@ def _combined(errors: list[BaseException]) -> BaseException:
 
 
 _ERRORS = pytest.StashKey[RosErrors]()
-_CONTEXTS = pytest.StashKey["list[Context]"]()
+_CORES = pytest.StashKey["list[ContextCore]"]()
 _STARTS = pytest.StashKey["_LoopStarts"]()
 
 
@@ -119,8 +119,8 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
     outcome = yield
     errors = item.stash.get(_ERRORS, None)
     if errors is not None:
-        for context in item.stash.get(_CONTEXTS, []):
-            never_ran = (context._core.take_never_ran_error(scope) for scope in context._core.scopes)
+        for core in item.stash.get(_CORES, []):
+            never_ran = (core.take_never_ran_error(scope) for scope in core.scopes)
             errors.found += [error for error in never_ran if error is not None]
     unexpected = [] if errors is None else errors._unexpected(is_over=outcome.excinfo is None)
     if unexpected and outcome.excinfo is None:
@@ -223,17 +223,17 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
     unless it expects that with `ros_errors`.
     """
     from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
-    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.node.context import Context, core_of
     from rosidl_py_gen.runtime.node.node import Node
 
-    contexts: list[Context] = request.node.stash.setdefault(_CONTEXTS, [])
+    cores: list[ContextCore] = request.node.stash.setdefault(_CORES, [])
 
     def attach_all() -> None:
-        for context in contexts:
-            context._core.loop_binding.adopt_running_loop()
+        for core in cores:
+            core.loop_binding.adopt_running_loop()
 
     def serve(loop: asyncio.AbstractEventLoop) -> None:
-        if not any(context._core.loop_binding.is_shared(loop) for context in contexts):  # the loop of a blocking call
+        if not any(core.loop_binding.is_shared(loop) for core in cores):  # the loop of a blocking call
             with suppress(WrongEventLoopError):
                 attach_all()
 
@@ -243,8 +243,8 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
 
         def make(name: str, namespace: str = "", args: tuple[str, ...] = ()) -> Node:
             context = stack.enter_context(Context(0, transport=ros_domain, args=["test", *args]))
-            contexts.append(context)
-            context._core.loop_binding.on_bind(attach_all)
+            cores.append(core := core_of(context))
+            core.loop_binding.on_bind(attach_all)
             return stack.enter_context(Node(name, namespace, context=context))
 
         yield make

@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.logs import get_root_logger
 from rosidl_py_gen.runtime.loop.callbacks import FailureGuard
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
-from rosidl_py_gen.runtime.node.context import Context, attach_all, close_all, close_served_by
+from rosidl_py_gen.runtime.node.context import Context, attach_all, close_all, close_served_by, core_of
 from rosidl_py_gen.runtime.node.settings import RosArgumentError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 
@@ -101,7 +101,7 @@ def spin(*nodes: Node) -> None:
     async def forever() -> None:
         for node in nodes:
             if not node.is_closed:
-                node.context._core.loop_binding.running_loop()
+                core_of(node.context).loop_binding.running_loop()
         while not all(node.is_closed for node in nodes):
             await asyncio.sleep(0.1)
 

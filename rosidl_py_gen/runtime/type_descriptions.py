@@ -232,7 +232,7 @@ def node_name_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- service
 
-SERVICE = "type_description_interfaces/srv/GetTypeDescription"
+TYPE_DESCRIPTION_SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 ENDPOINTS_TIMEOUT_S = 1.0
 """Maximum time in seconds to wait for the endpoints of a discovered node; they usually arrive some milliseconds after
 its name."""
@@ -313,7 +313,7 @@ async def request_type_description(
         CallTimeoutError: the service does not exist, or did not reply in time.
         IncompatibleServiceError: the node uses Fast DDS, and the installed Cyclone DDS cannot call it.
     """
-    service_type = lazy_service_type(SERVICE)
+    service_type = lazy_service_type(TYPE_DESCRIPTION_SERVICE)
     client: Client[srv.GetTypeDescription_Request, bytes] = Client(
         scope, replace(service_type, response=raw_type(service_type.response)), service, SERVICES_DEFAULT
     )
@@ -362,7 +362,7 @@ def decode_description(node: str, data: bytes) -> srv.GetTypeDescription_Respons
     return response
 
 
-PARAMETER = "start_type_description_service"
+TYPE_DESCRIPTION_PARAMETER = "start_type_description_service"
 _BUNDLED = "rosidl_py_gen.msgs"
 _MAX_NAME_CHARS = 200
 """Maximum length of a type name that a log entry quotes from a request; names of DDS have at most 255 characters."""
@@ -373,14 +373,14 @@ _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
 
 def start_type_descriptions(scope: EntityScope, names: NodeNames, store: ParameterStore) -> None:
     """Declare the parameter `start_type_description_service`, and serve type descriptions of a node if it is true."""
-    if not store.has(PARAMETER):
+    if not store.has(TYPE_DESCRIPTION_PARAMETER):
         description = "If enabled, start the ~/get_type_description service."
-        descriptor = ParameterDescriptor(PARAMETER, ParameterType.BOOL, description, read_only=True)
-        store.declare(PARAMETER, parameter_value(True), descriptor)
-    if store.get(PARAMETER).value is True:
+        descriptor = ParameterDescriptor(TYPE_DESCRIPTION_PARAMETER, ParameterType.BOOL, description, read_only=True)
+        store.declare(TYPE_DESCRIPTION_PARAMETER, parameter_value(True), descriptor)
+    if store.get(TYPE_DESCRIPTION_PARAMETER).value is True:
         name, handler = names.resolve_service("~/get_type_description"), partial(_describe, scope)
         try:
-            ServiceServer(scope, lazy_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
+            ServiceServer(scope, lazy_service_type(TYPE_DESCRIPTION_SERVICE), name, handler, SERVICES_DEFAULT)
         except SecurityError as error:  # permissions for nodes of Humble, which do not have this service
             scope.logger.warning(f"types of this node are not described to peers: {error}")
 

@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.entities.services import CallTimeoutError
 from rosidl_py_gen.runtime.time_values import Deadline
 from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.type_descriptions import (
-    SERVICE,
+    TYPE_DESCRIPTION_SERVICE,
     TYPE_HASH,
     TypeDescriptionError,
     announced,
@@ -41,16 +41,16 @@ from rosidl_py_gen.runtime.type_descriptions import (
     provider_participants,
     request_type_description,
 )
-from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES, load_description, store_description
+from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES, CachedDescription
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from rosidl_py_gen.base.descriptions import Description
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names import NodeNames
     from rosidl_py_gen.runtime.type_descriptions import TypeAnnouncement, TypeQuery
-    from rosidl_py_gen.type_loading import HashPredicate, SearchFolders
+    from rosidl_py_gen.type_loading import SearchFolders
 
 ANSWER_TIMEOUT_S = 3.0
 """Maximum time in seconds to wait for a node's type description before the next node is requested."""
@@ -181,7 +181,7 @@ class TypeResolver:
         lines = [line for item in sorted(announcements, key=lambda item: item.type_name) for line in item.lines()]
         return TypeDescriptionError(f"{self._subject} has several {plural}: {join_truncated(lines)}; pass {parameter}")
 
-    def _matches(self, announcement: TypeAnnouncement) -> HashPredicate:
+    def _matches(self, announcement: TypeAnnouncement) -> Callable[[Mapping[str, str]], bool]:
         """Return a function that returns True if the hashes of a definition, by message type, are among the announced
         hashes.
         """
@@ -194,7 +194,9 @@ class TypeResolver:
 
         return matches
 
-    async def _find_local(self, announcement: TypeAnnouncement, matches: HashPredicate) -> type[Any] | None:
+    async def _find_local(
+        self, announcement: TypeAnnouncement, matches: Callable[[Mapping[str, str]], bool]
+    ) -> type[Any] | None:
         from rosidl_py_gen.type_loading import find_class
 
         return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._path)
@@ -206,17 +208,17 @@ class TypeResolver:
             TypeNotFoundError: there is no local definition, or no local definition with the hash that the caller
                 passed.
         """
-        from rosidl_py_gen.type_loading import find_class_of, find_named_class
+        from rosidl_py_gen.type_loading import find_named_class
 
         name, path = announcement.type_name, self._path
-        reason = f"the nodes of {self._subject} announce no hash for {name}, as those of ROS 2 Humble do"
+        reason = f"the nodes of {self._subject} announce no hash for {name}, as nodes of ROS 2 Humble do"
         if self._wanted_hash:
             cls = await self._find_local(announcement, self._matches(announcement))
             if cls is None:
                 raise TypeNotFoundError(f"{reason}, and no local definition has the hash; {_ADVICE}")
         else:
             cls = await asyncio.to_thread(find_named_class, name, path=path)
-            of_humble = await asyncio.to_thread(find_class_of, _HUMBLE, name, path)
+            of_humble = await asyncio.to_thread(find_named_class, name, path=path, distro=_HUMBLE)
             if cls is None or of_humble is None:
                 raise TypeNotFoundError(f"{reason}, and there is no local definition; {_ADVICE}")
             if hashes_of(cls) != hashes_of(of_humble) and await self._are_of_humble():
@@ -267,7 +269,7 @@ class TypeResolver:
             return await self._fetch_class(await self._wait_for_announcement())
 
     async def _fetch_class(self, announcement: TypeAnnouncement) -> type[Any]:
-        from rosidl_py_gen.type_loading import compile_described, described_hashes
+        from rosidl_py_gen.type_loading import DescribedType
 
         name, is_service = announcement.type_name, self._query.kind == "service"
         wanted_hash = self._wanted_hash
@@ -276,21 +278,16 @@ class TypeResolver:
         else:
             await self._fetch_messages(announcement)
         try:
+            # Later descriptions and sources are added to the same dicts.
+            described = DescribedType(name, self._individuals, self._sources, is_service=is_service)
             if name not in self._individuals:
-                hashes = await asyncio.to_thread(described_hashes, name, self._individuals, is_service=is_service)
+                hashes = await asyncio.to_thread(described.hashes)
                 self._require_match(announcement, hashes)
                 try:  # only for the sources; a node may not have the whole type
                     await self._fetch(name, hashes[name], announcement.nodes())
                 except TypeDescriptionError as error:
                     self._scope.logger.debug(f"no sources of {name}: {error}")
-            cls = await asyncio.to_thread(
-                compile_described,
-                name,
-                self._individuals,
-                self._sources,
-                is_service=is_service,
-                path=self._path,
-            )
+            cls = await asyncio.to_thread(described.load, self._path)
         except DefinitionError as error:
             raise TypeDescriptionError(
                 f"the description of {name} by {join_truncated(self._senders)} cannot be used: {error}"
@@ -340,7 +337,8 @@ class TypeResolver:
         Raises:
             TypeDescriptionError: no node has described the type.
         """
-        cached = await asyncio.to_thread(load_description, wanted_hash)
+        cache = CachedDescription(wanted_hash)
+        cached = await asyncio.to_thread(cache.load)
         if cached is not None:
             try:
                 await asyncio.to_thread(self._accept, "the cache", name, wanted_hash, cached)
@@ -361,7 +359,7 @@ class TypeResolver:
             except RosidlError as error:
                 failures.append(str(error))
                 continue
-            await asyncio.to_thread(store_description, wanted_hash, data)
+            await asyncio.to_thread(cache.store, data)
             return
         own = self._scope.node_name
         reason = (
@@ -403,7 +401,9 @@ class TypeResolver:
 
         service_timeout_s = timeout_s(_SERVICE_TIMEOUT_S)
         if not await scope.wait_until(lambda: self._serves(node), service_timeout_s):
-            raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {service_timeout_s:.3g} s")
+            raise CallTimeoutError(
+                f"no server of {service} ({TYPE_DESCRIPTION_SERVICE}) appeared in {service_timeout_s:.3g} s"
+            )
         return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(ANSWER_TIMEOUT_S))
 
     def _accept(self, sender: str, name: str, wanted_hash: str, data: bytes) -> None:

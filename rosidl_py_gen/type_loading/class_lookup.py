@@ -105,26 +105,15 @@ def compile_definition(name: str, text: str) -> type[Any]:
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
     top = split_ros_name(name, "msg")
+    if not isinstance(text, str):
+        raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
+    from rosidl_py_gen.compiler.frontend import registry_from_text
+
     with _lock:
-        registry = registry_of_text(name, text)
+        registry = registry_from_text(top, text, _registry(()).search)
     _import_classes(registry, top)
     with _lock:
         return _class(registry, top, _same_definition_and_defaults)
-
-
-def registry_of_text(name: str, text: str) -> InterfaceRegistry:
-    """Return a registry with the checked definitions of a definition text of a bag.
-
-    Arguments and errors are as for `compile_definition`.
-    """
-    from rosidl_py_gen.compiler.frontend import registry_from_text
-
-    if not isinstance(text, str):
-        raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
-    top = split_ros_name(name, "msg")
-    with _lock:
-        search = _registry(()).search
-    return registry_from_text(top, text, search)
 
 
 # --- by hash ----------------------------------------------------------------------------------------------------------
@@ -166,14 +155,6 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
 def get_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any]:
     """Return the message, service or action class of a full name; arguments and errors as for `get_message`."""
     return _get(name, "", object, path, distro)
-
-
-def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
-    """Return the message, service or action class of a full name; None if there is no such type."""
-    try:
-        return get_named_class(name, path=path, distro=distro)
-    except TypeNotFoundError:
-        return None
 
 
 class DistributionDefinition(NamedTuple):
@@ -414,7 +395,7 @@ def load_compiler() -> None:
     import numpy  # noqa: F401
 
     from rosidl_py_gen.compiler.codegen import ModuleSources
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry  # noqa: F401
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path  # noqa: F401
 
     ModuleSources.preload()
 

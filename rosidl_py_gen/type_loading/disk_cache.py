@@ -83,7 +83,7 @@ def _cache_problem(folder: Path) -> str:
 
 
 def cache_problems() -> list[tuple[str, str]]:
-    """Return a text about each problem that keeps caches from being used, with an advice for the user."""
+    """Return a text about each problem that keeps caches from being used, with advice for the user."""
     home = _cache_home()
     reasons = [] if home is None else [_cache_problem(home / kind) for kind in _KINDS]
     text = f"the cache {home} is not used, so that no other user can make programs of this one run code"
@@ -317,41 +317,45 @@ def cache_folder() -> Path | None:
     return _usable_folder("" if os.environ.get(VARIABLE) else "types")
 
 
-def load_description(type_hash: str) -> bytes | None:
-    """Return the cached type description with a RIHS01 hash, as encoded bytes that are not checked.
+class CachedDescription:
+    """Type description with a RIHS01 hash in the cache, as encoded bytes, which are not checked."""
 
-    Returns None if there is none.
-    """
-    folder = cache_folder()
-    if folder is None:
-        return None
-    try:
-        with (folder / f"{type_hash}{_DESCRIPTION}").open("rb") as file:
-            data = file.read(MAX_DESCRIPTION_BYTES + 1)
-    except (OSError, ValueError):
-        return None
-    return data if len(data) <= MAX_DESCRIPTION_BYTES else None
+    def __init__(self, type_hash: str) -> None:
+        self.type_hash = type_hash
 
+    @classmethod
+    def find(cls, containing: bytes) -> Iterator[tuple[str, bytes]]:
+        """Yield hash and bytes of the cached descriptions that contain the given bytes, newest first."""
+        folder = cache_folder()
+        if folder is None:
+            return
+        try:
+            with os.scandir(folder) as entries:
+                aged = [
+                    (entry.stat().st_mtime_ns, entry.name) for entry in entries if entry.name.endswith(_DESCRIPTION)
+                ]
+        except (OSError, ValueError):
+            return
+        for _, name in sorted(aged, reverse=True):
+            one = cls(name.removesuffix(_DESCRIPTION))
+            data = one.load()
+            if data is not None and containing in data:
+                yield one.type_hash, data
 
-def cached_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield hash and encoded bytes of the cached type descriptions that contain the given bytes, newest first."""
-    folder = cache_folder()
-    if folder is None:
-        return
-    try:
-        with os.scandir(folder) as entries:
-            aged = [(entry.stat().st_mtime_ns, entry.name) for entry in entries if entry.name.endswith(_DESCRIPTION)]
-    except (OSError, ValueError):
-        return
-    for _, name in sorted(aged, reverse=True):
-        type_hash = name.removesuffix(_DESCRIPTION)
-        data = load_description(type_hash)
-        if data is not None and containing in data:
-            yield type_hash, data
+    def load(self) -> bytes | None:
+        """Return the bytes of the description; None if it is not cached."""
+        folder = cache_folder()
+        if folder is None:
+            return None
+        try:
+            with (folder / f"{self.type_hash}{_DESCRIPTION}").open("rb") as file:
+                data = file.read(MAX_DESCRIPTION_BYTES + 1)
+        except (OSError, ValueError):
+            return None
+        return data if len(data) <= MAX_DESCRIPTION_BYTES else None
 
-
-def store_description(type_hash: str, data: bytes) -> None:
-    """Store an encoded type description in the cache, which removes its oldest descriptions if there are too many."""
-    folder = cache_folder()
-    if folder is not None and len(data) <= MAX_DESCRIPTION_BYTES:
-        store_file(folder / f"{type_hash}{_DESCRIPTION}", data, max_files=MAX_DESCRIPTIONS)
+    def store(self, data: bytes) -> None:
+        """Store the description, which removes the oldest descriptions if there are too many."""
+        folder = cache_folder()
+        if folder is not None and len(data) <= MAX_DESCRIPTION_BYTES:
+            store_file(folder / f"{self.type_hash}{_DESCRIPTION}", data, max_files=MAX_DESCRIPTIONS)

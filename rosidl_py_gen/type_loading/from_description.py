@@ -34,7 +34,7 @@ from rosidl_py_gen.type_loading.class_lookup import (
     distribution_definitions,
     find_class,
     find_installed_class,
-    find_named_class,
+    get_named_class,
     registry_of,
 )
 
@@ -57,42 +57,46 @@ def _registry(
     return registry_from_descriptions(name, individuals, sources, is_service)
 
 
-def described_hashes(name: str, individuals: Mapping[str, Description], *, is_service: bool = False) -> dict[str, str]:
-    """Return the RIHS01 hashes of a described type and of all types that belong to it or that it refers to, by name.
+class DescribedType:
+    """Type that type descriptions describe, such as the descriptions of another node.
 
-    Args:
-        individuals: the description of each type alone, by name; derived messages may be missing.
-        is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
-
-    Raises:
-        DefinitionError: the description is invalid or too large.
-        InvalidNameError: a name is invalid.
+    Its methods raise `DefinitionError` if the description is invalid or too large, and `InvalidNameError` for an
+    invalid name.
     """
-    return _registry(split_ros_name(name), individuals, {}, is_service).all_hashes(name)
 
+    def __init__(
+        self,
+        name: str,
+        individuals: Mapping[str, Description],
+        sources: Mapping[str, tuple[str, str]] | None = None,
+        *,
+        is_service: bool = False,
+    ) -> None:
+        """Store the descriptions, which are read when a method is called.
 
-def compile_described(
-    name: str,
-    individuals: Mapping[str, Description],
-    sources: Mapping[str, tuple[str, str]],
-    *,
-    is_service: bool = False,
-    path: SearchFolders = (),
-) -> type[Any]:
-    """Return the class of a type that type descriptions describe, such as the descriptions of another node.
+        Args:
+            name: full name of the type.
+            individuals: the description of each type alone, by name; derived messages may be missing.
+            sources: encoding and text by type name; they add constants, comments and defaults if they have the same
+                fields.
+            is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
+        """
+        self._name, self._individuals, self._is_service = name, individuals, is_service
+        self._sources = {} if sources is None else sources
 
-    Args:
-        individuals: the description of each type alone, by name; derived messages may be missing.
-        sources: encoding and text by type name; they add constants, comments and defaults if they have the same fields.
-        is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
-        path: folders with interface packages, in which classes of the same hash are searched first.
+    def hashes(self) -> dict[str, str]:
+        """Return the RIHS01 hashes of the type and of all types that belong to it or that it refers to, by name."""
+        registry = _registry(split_ros_name(self._name), self._individuals, {}, self._is_service)
+        return registry.all_hashes(self._name)
 
-    Raises:
-        DefinitionError: the description is invalid or too large.
-        InvalidNameError: a name is invalid.
-    """
-    top = split_ros_name(name)
-    return class_of_registry(_registry(top, individuals, sources, is_service), top, path=path)
+    def load(self, path: SearchFolders = ()) -> type[Any]:
+        """Return the class of the type, which is compiled unless a loaded or importable class has the same hash.
+
+        Args:
+            path: folders with interface packages, in which classes of the same hash are searched first.
+        """
+        top = split_ros_name(self._name)
+        return class_of_registry(_registry(top, self._individuals, self._sources, self._is_service), top, path=path)
 
 
 def definition_text(cls: type[Any]) -> str:
@@ -157,55 +161,66 @@ def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, 
     return None
 
 
-def other_hashes(cls: type[Any]) -> Mapping[str, str]:
-    """Return the hashes that a class's type has in the distributions whose definition differs, oldest distribution
-    first.
+class DistributionVariants:
+    """Definitions that the type of a class has in the distributions that define it otherwise.
+
+    Attributes:
+        hashes: RIHS01 hash of each of these definitions by distribution, oldest distribution first.
     """
-    return {distro: rihs01(description) for distro, description in _other_descriptions(cls).items()}
 
+    def __init__(self, cls: type[Any]) -> None:
+        self._cls = cls
+        self.hashes = {distro: rihs01(description) for distro, description in _other_descriptions(cls).items()}
 
-def distributions_with(name: str, own_hash: str, other_hash: str) -> tuple[str, ...]:
-    """Return the distributions whose definition of a type has a hash, oldest first; empty if no distribution has it.
+    @classmethod
+    def find(cls, name: str, type_hash: str) -> DistributionVariants | None:
+        """Return the variants of the type with a name and hash; None if no class has this hash.
 
-    Args:
-        own_hash: hash of the definition that this process uses.
+        Raises:
+            RosidlError: the name is invalid, or a definition cannot be read.
+        """
+        found = find_class(name, lambda hashes: hashes[name] == type_hash)
+        return None if found is None else cls(found)
 
-    Raises:
-        RosidlError: the name is invalid, or a definition cannot be read.
-    """
-    cls = find_class(name, lambda hashes: hashes[name] == own_hash)
-    return () if cls is None else tuple(one for one, text in other_hashes(cls).items() if text == other_hash)
+    def with_hash(self, type_hash: str) -> tuple[str, ...]:
+        """Return the distributions whose definition has a hash, oldest first; empty if no distribution has it."""
+        return tuple(distro for distro, one in self.hashes.items() if one == type_hash)
+
+    def fits(self, data: Any, distro: str = "") -> bool:
+        """Return True if data is exactly one message of the class, or, with `distro`, of its type in that distribution.
+
+        After the message, only the padding of the network may follow.
+        """
+        try:
+            cls = _class_in(distro, self._cls) if distro else self._cls
+            size = len(cls._decode(data)._encode())
+        except (DecodeError, EncodeError):
+            return False
+        return 0 <= len(data) - size < NETWORK_ALIGN
 
 
 @cached_per_class
-def class_in(distro: str, cls: type[Any]) -> type[Any]:
-    """Return the class with the definition that a class's type has in a given distribution."""
+def _class_in(distro: str, cls: type[Any]) -> type[Any]:
+    """Return the class with the definition that the type of a class has in a distribution."""
     description = _other_descriptions(cls).get(distro)
     if description is None:
         return cls
-    found: type[Any] = compile_described(cls._TYPE.name, individual_descriptions(description), {})
-    return found
+    return DescribedType(cls._TYPE.name, individual_descriptions(description)).load()
 
 
-def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | None:
-    """Return the class that nodes of a distribution use for a type, as far as it is known on this machine.
+def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
+    """Return the message, service or action class of a full name; None if there is no such type.
 
-    Returns None if it is not known.
+    With `distro`, this is the class that nodes of the distribution use, as far as it is known on this machine.
     """
-    cls = find_named_class(name, path=path, distro=distro)
-    if cls is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
+    try:
+        cls = get_named_class(name, path=path, distro=distro)
+    except TypeNotFoundError:
+        return None
+    if distro is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
         return cls
     # A generated class contains the types of the distribution for which it was generated.
-    return class_in(distro, cls)
-
-
-def fits_exactly(cls: type[Any], data: Any) -> bool:
-    """Return True if data is exactly one message of the class; after it, only the padding of the network may follow."""
-    try:
-        size = len(cls._decode(data)._encode())
-    except (DecodeError, EncodeError):
-        return False
-    return 0 <= len(data) - size < NETWORK_ALIGN
+    return _class_in(distro, cls)
 
 
 @cached_per_class

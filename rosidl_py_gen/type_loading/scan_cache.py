@@ -22,7 +22,6 @@ from rosidl_py_gen.compiler.frontend import (
     Package,
     SearchPath,
     Workspace,
-    holds_packages,
     note,
     recorded,
     scan_search_path,
@@ -40,7 +39,12 @@ have steps of 2 s."""
 def workspace_packages(workspace: Workspace) -> dict[str, Path]:
     """Return the folders of a workspace's packages by name, from the cache if nothing has changed."""
     settings = ("workspace", str(workspace.folder), workspace.depth, str(workspace.own))
-    found = cached(settings, lambda: {name: str(path) for name, path in workspace.packages.items()})
+
+    def scan() -> dict[str, str]:
+        # A copy, because a workspace that was read before notes no paths.
+        return {name: str(path) for name, path in replace(workspace).packages.items()}
+
+    found = cached(settings, scan)
     return {name: Path(path) for name, path in found.items()}
 
 
@@ -58,7 +62,7 @@ def search(
         bundled = [interfaces_dir()] if choice.name == DEFAULT else [place for place, *_ in os.walk(interfaces_dir())]
         for place in (*sys.path, *bundled):
             note(place)
-        # A copy, because a workspace that was read before notes no paths.
+        # A copy as in `workspace_packages`.
         folders = _folders(path, None if workspace is None else replace(workspace))
         found = scan_search_path(folders, distro=choice.name if choice.is_explicit else None)
         rows = [[_row(package) for package in packages] for packages in (found.packages.values(), found.hidden)]
@@ -74,11 +78,13 @@ def search(
 
 
 def _folders(path: Sequence[str], workspace: Workspace | None) -> list[str]:
-    folders = [one for one in path if holds_packages(Path(one)) or not Workspace(Path(one).resolve()).packages]
+    folders = [
+        one for one in path if Workspace(Path(one)).holds_interfaces or not Workspace(Path(one).resolve()).packages
+    ]
     if workspace is not None:
         given = [Path(one).resolve() for one in path]
         roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
-        folders += [str(place) for place in roots if holds_packages(place)]
+        folders += [str(place) for place in roots if Workspace(place).holds_interfaces]
     return folders
 
 

@@ -151,8 +151,8 @@ def write_wheel(
 ) -> Path:
     """Write the wheel of a Python package into the folder `out` and return the path of the wheel.
 
-    Replaces an older wheel of the same file name. The keys of `files` are paths below site-packages, those of `data`
-    are paths below the environment; `programs` are the keys of executable files.
+    Replaces an older wheel of the same file name. The keys of `files` are paths below site-packages, the keys of
+    `data` are paths below the environment; `programs` are the keys of executable files.
     """
     from flit_core.common import Metadata, Module
     from flit_core.wheel import WheelBuilder

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
+from rosidl_py_gen.runtime.actions.server_goal import record_of
 from support.waiting import until
 from support.worlds import entity
 
@@ -107,4 +108,4 @@ def served_in_thread(world: World, execute: Any) -> Iterator[None]:
 
 
 def is_awaited(handle: Any) -> bool:
-    return bool(handle._record.changed)
+    return bool(record_of(handle).changed)

@@ -8,16 +8,12 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.dds.names import ros_type, topic_key_of, wire_name
 from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
+from support.inner_state import participant_of, scope_of
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
 
 DEEP = QoSProfile().keep_all()
-
-
-def participant_of(owner: Any) -> Any:
-    """Return the participant of a node, publisher, subscription, client or server."""
-    return owner._scope.participant
 
 
 def topic_name(name: str) -> str:
@@ -40,7 +36,7 @@ def spec(node: Any, topic: str, type: str, qos: QoSProfile, type_hash: str) -> E
     topic_key, participant = topic_key_of(topic), participant_of(node)
     if topic_key.kind != "topic" and not isinstance(participant, MemoryParticipant):
         topic_key = TopicKey("unmangled", topic)
-    return EndpointSpec(topic_key, ros_type(type), qos, type_hash, node=node._scope.number)
+    return EndpointSpec(topic_key, ros_type(type), qos, type_hash, node=scope_of(node).number)
 
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
@@ -56,7 +52,7 @@ def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: 
 def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer: bool = True) -> Reader | Writer:
     """Announce an endpoint as one of the node."""
     end = (writer if is_writer else reader)(node, topic, type, QoSProfile(), type_hash)
-    node._scope.register(end, **{"writer" if is_writer else "reader": end.guid})
+    scope_of(node).register(end, **{"writer" if is_writer else "reader": end.guid})
     return end
 
 

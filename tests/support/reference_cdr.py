@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from rosidl_py_gen import type_name
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.compiler.frontend.model import MessageDef
+from support.inner_state import type_fields
 
 # type -> struct letter and size; the size is also the alignment
 NUMBERS = {
@@ -78,8 +80,8 @@ class Reference:
     def build(self, cls: type[Message], value: dict[str, Any]) -> Message:
         """An instance by assignment, one field at a time; arrays stay lists."""
         message = cls()
-        nested = {field.ros_name: field.cls for field in cls._TYPE.fields}
-        for item in self.definition(cls._TYPE.name).fields:
+        nested = {field.ros_name: field.cls for field in type_fields(cls)}
+        for item in self.definition(type_name(cls)).fields:
             given, inner = value[item.name], nested[item.name]
             if inner is not None and item.type.arity is Arity.SCALAR:
                 given = self.build(inner, given)
@@ -91,7 +93,7 @@ class Reference:
     def plain(self, message: Message) -> dict[str, Any]:
         """The plain value of an instance."""
         result = {}
-        for item in self.definition(message._TYPE.name).fields:
+        for item in self.definition(type_name(message)).fields:
             value = getattr(message, py_name(item.name))
             if item.type.arity is Arity.SCALAR:
                 result[item.name] = self._plain(value)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import Message, get_message, type_name
 from rosidl_py_gen.bags import BagWriter
+from support.inner_state import type_fields
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 
@@ -20,14 +21,14 @@ def of_message(message: Any) -> Any:
         return message.tolist()
     if isinstance(message, list):
         return [of_message(one) for one in message]
-    if not hasattr(message, "_TYPE"):
+    if not isinstance(message, Message):
         return message
-    info = message._TYPE
-    if not info.fields:
+    fields = type_fields(message)
+    if not fields:
         return None
-    if info.name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
+    if type_name(message) in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
         return message.sec * 10**9 + message.nanosec
-    return {field.ros_name: of_message(getattr(message, field.py_name)) for field in info.fields}
+    return {field.ros_name: of_message(getattr(message, field.py_name)) for field in fields}
 
 
 def of_row(value: Any) -> Any:

@@ -19,6 +19,7 @@ import pytest
 from rosidl_py_gen.runtime import Context, LoopRunner, MemoryTransport, Node
 from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
+from support.inner_state import scope_of
 from support.local_network import zenoh_environment
 
 if TYPE_CHECKING:
@@ -179,5 +180,5 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
 
 def entity(owner: Any, name: str) -> Any:
     """Return the entity of a node, or of an action client or server, whose topic or service name ends with `name`."""
-    entities = getattr(owner, "_parts", owner._scope).owned.values()
+    entities = getattr(owner, "_parts", scope_of(owner)).owned.values()
     return next(one for one in entities if str(getattr(one, "topic", getattr(one, "name", ""))).endswith(name))

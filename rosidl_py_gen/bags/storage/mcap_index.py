@@ -624,7 +624,7 @@ class ChunkHead(NamedTuple):
 
     @classmethod
     def at(cls, read: Read, at: int) -> Self | None:
-        """Return the start of the chunk record at an offset of the file, whatever its opcode.
+        """Return the start of the chunk record at an offset of the file; its opcode is not checked.
 
         Returns None if its lengths do not agree.
         """

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_VALUE, WSTRING_UNIT_BYTES
-from rosidl_py_gen.compiler.codegen import layout_plan as ir
+from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus, read_string
 
@@ -42,15 +42,17 @@ class DecoderView(NamedTuple):
     structured_arrays: bool
 
 
-def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
+def decoder_view(
+    plan: layout_plan.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]
+) -> DecoderView:
     """Return the generated decoder of a message.
 
     If other messages call the decoder of this message instead of containing its code, the result is the body of
     `_read`.
     """
-    first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
-    with_header = not plan.outlined and isinstance(first, ir.PackedRun)
-    bulk = not plan.outlined and any(isinstance(step, ir.NumberArray) for step in plan.steps)
+    first = next(step for step in plan.steps if not isinstance(step, layout_plan.InlineMessage))
+    with_header = not plan.outlined and isinstance(first, layout_plan.PackedRun)
+    bulk = not plan.outlined and any(isinstance(step, layout_plan.NumberArray) for step in plan.steps)
     emitter = _DecoderEmitter(api, structs, classes, with_header, bulk, plan.structured_arrays)
     emitter.objects[0] = "message"
     body = emitter.scope(plan.steps, keep_pos=plan.outlined)
@@ -78,25 +80,25 @@ class _DecoderEmitter:
     is_after_string: bool = False
     uses_view: bool = False
     objects: dict[int, str] = field(default_factory=dict)
-    counts: dict[ir.Ref, str] = field(default_factory=dict)
+    counts: dict[layout_plan.Ref, str] = field(default_factory=dict)
     names: Locals = field(default_factory=Locals)
 
-    def attribute(self, ref: ir.Ref) -> str:
+    def attribute(self, ref: layout_plan.Ref) -> str:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
-    def at(self, start: ir.AlignmentState) -> str:
+    def at(self, start: layout_plan.AlignmentState) -> str:
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
-    def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
+    def scope(self, steps: Sequence[layout_plan.LayoutStep], keep_pos: bool) -> list[str]:
         """Return the statements that decode a list of layout steps.
 
         With `keep_pos`, the variable ``pos`` is up to date at their end.
         """
         out: list[str] = []
-        reading = [not isinstance(step, ir.InlineMessage | ir.StringTerminator) for step in steps]
+        reading = [not isinstance(step, layout_plan.InlineMessage | layout_plan.StringTerminator) for step in steps]
         last = max((index for index, is_reading in enumerate(reading) if is_reading), default=-1)
         for index, step in enumerate(steps):
-            if reading[index] and not (isinstance(step, ir.PackedRun) and step.align > 1):
+            if reading[index] and not (isinstance(step, layout_plan.PackedRun) and step.align > 1):
                 self.update_pos(out)
             self.step(step, keep_pos or index < last, out)
         if keep_pos:
@@ -108,44 +110,46 @@ class _DecoderEmitter:
             self.is_after_string = False
             out.append("pos = end + 1")
 
-    def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
+    def step(self, step: layout_plan.LayoutStep, needed: bool, out: list[str]) -> None:
         """Append the statements that decode one step of the layout plan to `out`.
 
         `needed` is True if a later step reads ``pos``.
         """
         match step:
-            case ir.InlineMessage():
+            case layout_plan.InlineMessage():
                 self.create(step, out)
-            case ir.PackedRun():
+            case layout_plan.PackedRun():
                 self.run(step, needed, out)
-            case ir.StringContent():
+            case layout_plan.StringContent():
                 self.string(step, needed, out)
-            case ir.StringTerminator():
+            case layout_plan.StringTerminator():
                 pass  # read with the characters
-            case ir.NumberArray():
+            case layout_plan.NumberArray():
                 self.numbers(step, needed, out)
-            case ir.StringArray():
+            case layout_plan.StringArray():
                 function = self.api.support("unpack_wstrings" if step.type.base == "wstring" else "unpack_strings")
                 count = self.count(step.ref, step.type, out)
                 target = f"{self.attribute(step.ref)}, {'pos' if needed else '_'}"
                 out.append(f"{target} = {function}(raw, {self.at(step.start)}, {count})")
-            case ir.Loop():
+            case layout_plan.Loop():
                 self.loop(step, needed, out)
-            case ir.NestedCall():
+            case layout_plan.NestedCall():
                 if step.start.static is not None:
                     out.append(f"pos = {self.at(step.start)}")
                 self.call(self.attribute(step.ref), step, step.type, needed, out)
             case _:
-                ir.assert_never(step)
+                layout_plan.assert_never(step)
 
-    def create(self, step: ir.InlineMessage, out: list[str]) -> None:
+    def create(self, step: layout_plan.InlineMessage, out: list[str]) -> None:
         value = f"{self.api.support('new')}({self.classes[step.type]})"
         if not step.empty:
             name = self.objects[step.number] = self.names.name(step.ref.name)
             value = f"{name} = {value}"
         out.append(f"{self.attribute(step.ref)} = {value}")
 
-    def call(self, target: str, step: ir.NestedCall | ir.Loop, cls: str, needed: bool, out: list[str]) -> None:
+    def call(
+        self, target: str, step: layout_plan.NestedCall | layout_plan.Loop, cls: str, needed: bool, out: list[str]
+    ) -> None:
         self.uses_view = True
         arrays = ", arrays" if step.structured_arrays else ""
         out.append(f"{target}, {'pos' if needed else '_'} = {self.classes[cls]}._read(raw, view, pos{arrays})")
@@ -178,7 +182,7 @@ class _DecoderEmitter:
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: ir.PackedRun, needed: bool, out: list[str]) -> None:
+    def run(self, run: layout_plan.PackedRun, needed: bool, out: list[str]) -> None:
         if run.align > 1:
             self.align(run.align, "", out)
         at = self.at(run.start)
@@ -186,17 +190,17 @@ class _DecoderEmitter:
         arrays: list[str] = []
         for item in run.items:
             match item:
-                case ir.Scalar(ref, _, _):
+                case layout_plan.Scalar(ref, _, _):
                     targets.append(self.attribute(ref))
-                case ir.LengthPrefix(ref, _):
+                case layout_plan.LengthPrefix(ref, _):
                     name = self.counts[ref] = self.names.name(f"{ref.name}_count")
                     targets.append(name)
-                case ir.FixedNumberArray(ref, code, count, offset):
+                case layout_plan.FixedNumberArray(ref, code, count, offset):
                     arrays.append(f"{self.attribute(ref)} = {self.view(code, str(count), plus(at, offset), True)}")
-                case ir.EmptyMessageByte():
+                case layout_plan.EmptyMessageByte():
                     pass
                 case _:
-                    ir.assert_never(item)
+                    layout_plan.assert_never(item)
         code, offset_argument = run.unpack, f", {at}"
         if self.header:
             code, offset_argument = HEADER_CODE + code, ""
@@ -218,7 +222,7 @@ class _DecoderEmitter:
         self.uses_view = True
         return self.api.numbers(code, count, at, is_array=is_array)
 
-    def count(self, ref: ir.Ref, kind: FieldType, out: list[str]) -> str:
+    def count(self, ref: layout_plan.Ref, kind: FieldType, out: list[str]) -> str:
         """Return the expression for the number of elements, and emit the check of the maximum length of a bounded
         sequence.
         """
@@ -228,7 +232,7 @@ class _DecoderEmitter:
             out += check(">", self.api.support("check_max_length"), self.counts[ref], kind.capacity)
         return self.counts[ref]
 
-    def string(self, step: ir.StringContent, needed: bool, out: list[str]) -> None:
+    def string(self, step: layout_plan.StringContent, needed: bool, out: list[str]) -> None:
         at, count, target = self.at(step.start), self.counts[step.ref], self.attribute(step.ref)
         if step.type.base == "wstring":
             out.append(f"{target} = {self.api.support('from_utf16')}(raw, {at}, {count})")
@@ -239,7 +243,7 @@ class _DecoderEmitter:
         out += read_string(target, at, end, self.bulk)
         self.is_after_string = needed
 
-    def numbers(self, step: ir.NumberArray, needed: bool, out: list[str]) -> None:
+    def numbers(self, step: layout_plan.NumberArray, needed: bool, out: list[str]) -> None:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
         out.append(f"{self.attribute(step.ref)} = {self.view(step.code, count, at, step.type.arity is Arity.ARRAY)}")
@@ -247,7 +251,7 @@ class _DecoderEmitter:
             size = f"{step.item_size} * {count}" if step.item_size > 1 else count
             self.move(at, str(step.item_size * int(count)) if count.isdigit() else size, out)
 
-    def padded(self, step: ir.NumberArray | ir.Loop, count: str, out: list[str]) -> str:
+    def padded(self, step: layout_plan.NumberArray | layout_plan.Loop, count: str, out: list[str]) -> str:
         """Emit the statements that skip the padding before elements, and return the position of the first element.
 
         Padding exists only if there is an element.
@@ -267,7 +271,7 @@ class _DecoderEmitter:
             return "pos"
         return at
 
-    def loop(self, step: ir.Loop, needed: bool, out: list[str]) -> None:
+    def loop(self, step: layout_plan.Loop, needed: bool, out: list[str]) -> None:
         count = self.count(step.ref, step.type, out)
         if not step.fixed:
             self.messages(step, count, needed, out)
@@ -280,21 +284,21 @@ class _DecoderEmitter:
         self.messages(step, count, needed, messages)
         out += block("else", messages)
 
-    def messages(self, step: ir.Loop, count: str, needed: bool, out: list[str]) -> None:
+    def messages(self, step: layout_plan.Loop, count: str, needed: bool, out: list[str]) -> None:
         values = self.names.name(step.ref.name)
         item = self.objects[step.number] = self.names.name(singular(step.ref.name))
         cls = self.classes[step.type.base]
         new_list = [f"{values}: list[{cls}] = []", f"{self.attribute(step.ref)} = {values}"]
         append = f"{values}.append({item})"
         body = [f"{item} = {self.api.support('new')}({cls})", append]
-        if step.mode is ir.LoopMode.PACKED:
+        if step.mode is layout_plan.LoopMode.PACKED:
             self.packed(step, count, new_list, body, needed, out)
             return
         if step.start.static is not None:
             out.append(f"pos = {self.at(step.start)}")
         self.check_remaining(f"pos + {step.min_size} * {count}" if step.min_size > 1 else f"pos + {count}", out)
         out += new_list
-        if step.mode is ir.LoopMode.CALL:
+        if step.mode is layout_plan.LoopMode.CALL:
             body = []
             self.call(item, step, step.type.base, True, body)
             body.append(append)
@@ -306,11 +310,11 @@ class _DecoderEmitter:
         out.append(f"{self.api.support('check_remaining')}({end}, raw)")
 
     def packed(
-        self, step: ir.Loop, count: str, new_list: list[str], body: list[str], needed: bool, out: list[str]
+        self, step: layout_plan.Loop, count: str, new_list: list[str], body: list[str], needed: bool, out: list[str]
     ) -> None:
         at = self.padded(step, count, out)
-        run = next(inner for inner in step.body if isinstance(inner, ir.PackedRun))
-        arrays = [item for item in run.items if isinstance(item, ir.FixedNumberArray)]
+        run = next(inner for inner in step.body if isinstance(inner, layout_plan.PackedRun))
+        arrays = [item for item in run.items if isinstance(item, layout_plan.FixedNumberArray)]
         if at != "pos" and arrays:
             out.append(f"pos = {at}")
             at = "pos"
@@ -318,11 +322,11 @@ class _DecoderEmitter:
         self.check_remaining("end", out)
         out += new_list
         for inner in step.body:
-            if isinstance(inner, ir.InlineMessage):
+            if isinstance(inner, layout_plan.InlineMessage):
                 self.create(inner, body)
         targets: list[str] = []
         for item in run.items:
-            if isinstance(item, ir.Scalar):
+            if isinstance(item, layout_plan.Scalar):
                 local = self.names.name(f"{self.objects[item.ref.owner]}_{item.ref.name}")
                 targets.append(local)
                 body.append(f"{self.attribute(item.ref)} = {local}")
@@ -338,7 +342,7 @@ class _DecoderEmitter:
             out.append("pos = end")
 
 
-def _has_static_end(step: ir.NumberArray | ir.Loop) -> bool:
+def _has_static_end(step: layout_plan.NumberArray | layout_plan.Loop) -> bool:
     """Return True if the position after a number array or loop is known at generation time, so ``pos`` need not be
     updated.
     """

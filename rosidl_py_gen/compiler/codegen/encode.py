@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.layout import HEADER, HEADER_VALUE, MAX_ALIGN, NUL
-from rosidl_py_gen.compiler.codegen import layout_plan as ir
+from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.codegen.statements import MessageApi
 
-Content = ir.StringContent | ir.NumberArray | ir.StringArray | ir.Loop
+Content = layout_plan.StringContent | layout_plan.NumberArray | layout_plan.StringArray | layout_plan.Loop
 
 
 class EncoderView(NamedTuple):
@@ -35,18 +35,20 @@ class EncoderView(NamedTuple):
     result: str
 
 
-def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
+def encoder_view(
+    plan: layout_plan.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]
+) -> EncoderView:
     """Return the generated encoder of a message.
 
     If other messages call the encoder of this message instead of containing its code, the result is the body of
     `_write`.
     """
-    collect = plan.outlined or any(isinstance(step, ir.Loop | ir.NestedCall) for step in plan.steps)
+    collect = plan.outlined or any(isinstance(step, layout_plan.Loop | layout_plan.NestedCall) for step in plan.steps)
     emitter = _EncoderEmitter(api, structs, classes, collect, header=not plan.outlined)
     emitter.objects[0] = "self"
-    first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
+    first = next(step for step in plan.steps if not isinstance(step, layout_plan.InlineMessage))
     body: list[str] = []
-    if emitter.header and not isinstance(first, ir.PackedRun):
+    if emitter.header and not isinstance(first, layout_plan.PackedRun):
         emitter.header = False
         emitter.segment(_literal(HEADER), body)
     body += emitter.scope(plan.steps, keep_pos=plan.outlined)
@@ -65,19 +67,19 @@ def _literal(data: bytes) -> str:
     return 'b"' + "".join(f"\\{byte:o}" for byte in data) + '"'
 
 
-def _reads_pos(step: ir.LayoutStep) -> bool:
+def _reads_pos(step: layout_plan.LayoutStep) -> bool:
     match step:
-        case ir.PackedRun() | ir.NumberArray() | ir.StringArray():
+        case layout_plan.PackedRun() | layout_plan.NumberArray() | layout_plan.StringArray():
             return step.align > 1
-        case ir.Loop():
-            is_read_inside = step.mode is ir.LoopMode.INLINE and any(map(_reads_pos, step.body))
-            return step.align > 1 or step.mode is ir.LoopMode.CALL or is_read_inside
-        case ir.NestedCall():
+        case layout_plan.Loop():
+            is_read_inside = step.mode is layout_plan.LoopMode.INLINE and any(map(_reads_pos, step.body))
+            return step.align > 1 or step.mode is layout_plan.LoopMode.CALL or is_read_inside
+        case layout_plan.NestedCall():
             return True
-        case ir.InlineMessage() | ir.StringContent() | ir.StringTerminator():
+        case layout_plan.InlineMessage() | layout_plan.StringContent() | layout_plan.StringTerminator():
             return False
         case _:
-            ir.assert_never(step)
+            layout_plan.assert_never(step)
 
 
 @dataclass(slots=True)
@@ -98,17 +100,17 @@ class _EncoderEmitter:
     collect: bool
     header: bool
     objects: dict[int, str] = field(default_factory=dict)
-    contents: dict[ir.Ref, Content] = field(default_factory=dict)
-    values: dict[ir.Ref, str] = field(default_factory=dict)
+    contents: dict[layout_plan.Ref, Content] = field(default_factory=dict)
+    values: dict[layout_plan.Ref, str] = field(default_factory=dict)
     segments: list[str] = field(default_factory=list)
     pos: str = "pos"
     moves: int = 0
     names: Locals = field(default_factory=Locals)
 
-    def attribute(self, ref: ir.Ref) -> str:
+    def attribute(self, ref: layout_plan.Ref) -> str:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
-    def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
+    def scope(self, steps: Sequence[layout_plan.LayoutStep], keep_pos: bool) -> list[str]:
         """Return the statements that encode a list of layout steps.
 
         With `keep_pos`, the variable ``pos`` is up to date at their end.
@@ -120,40 +122,40 @@ class _EncoderEmitter:
             self.step(step, keep_pos or index < last, out)
         return out
 
-    def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
+    def step(self, step: layout_plan.LayoutStep, needed: bool, out: list[str]) -> None:
         """Append the statements that encode one step of the layout plan to `out`.
 
         `needed` is True if a later step reads ``pos``.
         """
         match step:
-            case ir.InlineMessage():
+            case layout_plan.InlineMessage():
                 name = self.names.name(step.ref.name)
                 out += self.load(name, step.type, self.attribute(step.ref))
                 self.objects[step.number] = name
-            case ir.PackedRun():
+            case layout_plan.PackedRun():
                 self.run(step, needed, out)
-            case ir.StringContent():
+            case layout_plan.StringContent():
                 value = self.values[step.ref]
                 self.segment(value, out)
                 self.move(step.start, f"len({value})", needed, out)
-            case ir.StringTerminator():
+            case layout_plan.StringTerminator():
                 self.segment(_literal(NUL), out)
                 self.move(step.start, str(len(NUL)), needed, out)
-            case ir.NumberArray():
+            case layout_plan.NumberArray():
                 value = self.fetch(step, out)
                 size = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
                 self.padded(step, value, value, size, needed, out)
-            case ir.StringArray():
+            case layout_plan.StringArray():
                 self.strings(step, needed, out)
-            case ir.Loop():
+            case layout_plan.Loop():
                 self.loop(step, needed, out)
-            case ir.NestedCall():
+            case layout_plan.NestedCall():
                 name = self.names.name(step.ref.name)
                 out += self.load(name, step.type, self.attribute(step.ref))
                 self.set_static_pos(step.start, out)
                 out.append(self.call(step.type, name))
             case _:
-                ir.assert_never(step)
+                layout_plan.assert_never(step)
 
     def load(self, name: str, cls: str, expression: str = "") -> list[str]:
         """Return the statements that assign an expression, if it is not empty, to a variable and check the class of the
@@ -174,7 +176,7 @@ class _EncoderEmitter:
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def move(self, start: ir.AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
+    def move(self, start: layout_plan.AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
         """Emit the statement that advances ``pos`` by a distance, if `needed` is True.
 
         If ``pos`` is not up to date, it is set to the sum of the known position `start` and the distance.
@@ -199,13 +201,13 @@ class _EncoderEmitter:
             self.pos = "pos" if self.moves == 1 else self.names.name(f"pos{self.moves}")
         out.append(f"{self.pos} = {expression}")
 
-    def set_static_pos(self, start: ir.AlignmentState, out: list[str]) -> None:
+    def set_static_pos(self, start: layout_plan.AlignmentState, out: list[str]) -> None:
         if start.static is not None:
             self.set_pos(str(start.static), out)
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: ir.PackedRun, needed: bool, out: list[str]) -> None:
+    def run(self, run: layout_plan.PackedRun, needed: bool, out: list[str]) -> None:
         arguments: list[str] = []
         code = run.pack
         if self.header:
@@ -214,18 +216,18 @@ class _EncoderEmitter:
             arguments.append(str(HEADER_VALUE))
         for item in run.items:
             match item:
-                case ir.Scalar(ref, "?", _):
+                case layout_plan.Scalar(ref, "?", _):
                     arguments.append(f"{self.api.support('BOOL')}[{self.attribute(ref)}]")
-                case ir.Scalar(ref, _, _):
+                case layout_plan.Scalar(ref, _, _):
                     arguments.append(self.attribute(ref))
-                case ir.FixedNumberArray(ref, kind, count, _):
+                case layout_plan.FixedNumberArray(ref, kind, count, _):
                     arguments.append(f"{self.api.fixed(kind)}({self.attribute(ref)}, {count})")
-                case ir.LengthPrefix(ref, _):
+                case layout_plan.LengthPrefix(ref, _):
                     arguments.append(self.prepare(self.contents[ref], out))
-                case ir.EmptyMessageByte():
+                case layout_plan.EmptyMessageByte():
                     pass
                 case _:
-                    ir.assert_never(item)
+                    layout_plan.assert_never(item)
         if run.nul and run.align == 1:
             code = "x" + code
         pack = self.structs.name("pack", code, run.align, run.nul and run.align > 1)
@@ -245,18 +247,18 @@ class _EncoderEmitter:
         """
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
-        if isinstance(step, ir.StringContent):
+        if isinstance(step, layout_plan.StringContent):
             if kind.string_bound:
                 out += check(">", self.api.support("check_max_length"), f"len({source})", kind.string_bound)
             is_wstring = kind.base == "wstring"
             out.append(f"{name} = {self.api.support('utf16' if is_wstring else 'utf8')}({source})")
             return f"len({name}) >> 2" if is_wstring else f"len({name}) + 1"
-        if isinstance(step, ir.NumberArray):
+        if isinstance(step, layout_plan.NumberArray):
             function = self.api.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
             out.append(f"{name} = {function}({source})")
         else:
             out.append(f"{name} = {self.api.listed(source)}")
-            if isinstance(step, ir.Loop):
+            if isinstance(step, layout_plan.Loop):
                 function = self.api.support("list_or_records" if step.fixed else "coerce_message_list")
                 target = f"{name} = " if step.fixed else ""
                 out += block(f"if type({name}) is not list", [f"{target}{function}({name})"])
@@ -264,7 +266,7 @@ class _EncoderEmitter:
             out += check(">", self.api.support("check_max_length"), f"len({name})", kind.capacity)
         return f"len({name})"
 
-    def fetch(self, step: ir.NumberArray | ir.StringArray | ir.Loop, out: list[str]) -> str:
+    def fetch(self, step: layout_plan.NumberArray | layout_plan.StringArray | layout_plan.Loop, out: list[str]) -> str:
         """Return the name of the variable with a converted content.
 
         Emit the conversion of a fixed array, which has no length field.
@@ -274,7 +276,7 @@ class _EncoderEmitter:
             out += check("!=", self.api.support("check_length"), count, step.type.capacity)
         return self.values[step.ref]
 
-    def strings(self, step: ir.StringArray, needed: bool, out: list[str]) -> None:
+    def strings(self, step: layout_plan.StringArray, needed: bool, out: list[str]) -> None:
         value = self.fetch(step, out)
         if step.type.string_bound:
             out.append(f"{self.api.support('check_max_lengths')}({value}, {step.type.string_bound})")
@@ -285,7 +287,7 @@ class _EncoderEmitter:
 
     def padded(
         self,
-        step: ir.NumberArray | ir.StringArray | ir.Loop,
+        step: layout_plan.NumberArray | layout_plan.StringArray | layout_plan.Loop,
         value: str,
         content: str,
         size: str,
@@ -304,7 +306,7 @@ class _EncoderEmitter:
             self.segment(f"{_literal(bytes(step.pad))}{condition}", out)
         if content:
             self.segment(content, out)
-        if not needed or (is_array and start.static is not None and not isinstance(step, ir.StringArray)):
+        if not needed or (is_array and start.static is not None and not isinstance(step, layout_plan.StringArray)):
             return  # the step after an array of fixed size has a static position
         if step.align == 1 and (is_array or not step.pad):
             self.move(start, f"{step.pad} + {size}" if step.pad else size, needed, out)
@@ -322,7 +324,7 @@ class _EncoderEmitter:
                 self.set_pos(old, out)
             out += block(f"if len({value})", [f"{self.pos} = {expression}"])
 
-    def loop(self, step: ir.Loop, needed: bool, out: list[str]) -> None:
+    def loop(self, step: layout_plan.Loop, needed: bool, out: list[str]) -> None:
         value = self.fetch(step, out)
         if not step.fixed:
             self.messages(step, value, needed, out)
@@ -334,7 +336,7 @@ class _EncoderEmitter:
         out += block(f"if {self.api.is_array(value)}", [f"pos = {write}" if needed else write])
         out += block("else", messages)
 
-    def known_pos(self, step: ir.Loop, needed: bool) -> str:
+    def known_pos(self, step: layout_plan.Loop, needed: bool) -> str:
         """Return the position of the first element, or a number with the same alignment if the variable ``pos`` is not
         up to date.
         """
@@ -342,13 +344,13 @@ class _EncoderEmitter:
             return str(step.start.static)
         return self.pos if needed or _reads_pos(step) else str(step.start.remainder)
 
-    def messages(self, step: ir.Loop, value: str, needed: bool, out: list[str]) -> None:
+    def messages(self, step: layout_plan.Loop, value: str, needed: bool, out: list[str]) -> None:
         item = self.objects[step.number] = self.names.name(singular(step.ref.name))
         body = self.load(item, step.type.base)
-        if step.mode is ir.LoopMode.PACKED:
+        if step.mode is layout_plan.LoopMode.PACKED:
             self.padded(step, value, "", f"{step.stride} * len({value})", needed, out)
             body += self.scope(step.body, keep_pos=False)
-        elif step.mode is ir.LoopMode.INLINE:
+        elif step.mode is layout_plan.LoopMode.INLINE:
             keep_pos = needed or any(map(_reads_pos, step.body))
             if keep_pos:
                 self.set_static_pos(step.start, out)

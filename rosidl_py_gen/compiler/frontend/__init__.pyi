@@ -11,12 +11,10 @@ from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem as Lit
 from rosidl_py_gen.compiler.frontend.literal_values import file_scalar as file_scalar
 from rosidl_py_gen.compiler.frontend.literal_values import split_strings as split_strings
 from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME as CONSTANT_NAME
-from rosidl_py_gen.compiler.frontend.model import DERIVED_TYPES_PACKAGES as DERIVED_TYPES_PACKAGES
 from rosidl_py_gen.compiler.frontend.model import ConstantDef as ConstantDef
 from rosidl_py_gen.compiler.frontend.model import FieldDef as FieldDef
 from rosidl_py_gen.compiler.frontend.model import MessageDef as MessageDef
 from rosidl_py_gen.compiler.frontend.model import is_interface_name as is_interface_name
-from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH as MAX_FOLDER_DEPTH
 from rosidl_py_gen.compiler.frontend.package_files import BudgetError as BudgetError
 from rosidl_py_gen.compiler.frontend.package_files import PackageBudget as PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError as UnreadableError
@@ -30,7 +28,6 @@ from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry as Interf
 from rosidl_py_gen.compiler.frontend.search_path import Package as Package
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath as SearchPath
 from rosidl_py_gen.compiler.frontend.search_path import Workspace as Workspace
-from rosidl_py_gen.compiler.frontend.search_path import holds_packages as holds_packages
 from rosidl_py_gen.compiler.frontend.search_path import package_around as package_around
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path as scan_search_path
 from rosidl_py_gen.compiler.frontend.type_description_reader import (

@@ -42,8 +42,8 @@ class DefinitionText:
         """ros2msg text of the interface and its types for bags and MCAP files; `compile_definition` reads the text.
 
         Definitions of .idl files are converted to the notation of .msg files, the only one that most readers of bags
-        support. A definition with names that .msg files do not allow stays IDL below a header; if the interface has
-        such a definition, the whole text is ros2idl text.
+        support. A definition with names that .msg files do not allow stays IDL below a header; if the interface itself
+        has such names, the whole text is ros2idl text.
         """
         texts = []
         registry, top = self._registry, self._name

@@ -1,7 +1,7 @@
 """Parser of .idl files: from text to syntax trees with positions, and from a syntax tree to an interface.
 
-The grammar is that of IDL; the conversion to an interface accepts the subset that rosidl supports, which is described
-in docs/internals/protocol.md 1.8. One struct is a message, two are a service, three an action. Constants of struct S
+The grammar accepts IDL; the conversion to an interface accepts the subset that rosidl supports, which is described in
+docs/internals/protocol.md 1.8. One struct is a message, two are a service, three an action. Constants of struct S
 are in a module S_Constants.
 """
 

@@ -70,7 +70,7 @@ BUILD_TREE_MARKERS = ("pyvenv.cfg", "CMakeCache.txt")
 _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
 """Maximum size in bytes of a CMakeLists.txt or another file that is read from a package."""
-MAX_FOLDER_DEPTH = 100
+_MAX_FOLDER_DEPTH = 100
 """Maximum depth of folders of a package, because the time to reach a folder grows with its depth."""
 _MAX_ENTRIES = 100_000
 """Maximum files and folders below a package folder. The limit stops a search that was started in a wrong folder, such
@@ -145,8 +145,8 @@ def files_below(folder: Path) -> list[str]:
         count += len(entries)
         if count > _MAX_ENTRIES:
             raise UnreadableError(f"there are more than {_MAX_ENTRIES} files below the package folder")
-        if place.count("/") >= MAX_FOLDER_DEPTH:
-            raise UnreadableError(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
+        if problem := PackageBudget.depth_problem(place):
+            raise UnreadableError(problem)
         names = {entry.name for entry in entries}
         if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *BUILD_TREE_MARKERS)):
             continue
@@ -237,6 +237,11 @@ class PackageBudget:
                 self._own_files += 1
                 self._work += _OWN_FILE_WORK
             yield entry
+
+    @staticmethod
+    def depth_problem(place: str) -> str:
+        """Return a text about a folder at a path of the package that is nested too deeply; "" for other folders."""
+        return f"folders are nested more than {_MAX_FOLDER_DEPTH} deep" if place.count("/") >= _MAX_FOLDER_DEPTH else ""
 
     def spend(self, characters: int) -> None:
         """Spend the work for reading or building values of this many characters."""

@@ -20,6 +20,7 @@ from rosidl_py_gen.base.names import INTERFACE_NAME, RosName, did_you_mean, spli
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import (
+    DERIVED_TYPES_PACKAGES,
     IMPLIED,
     ActionDef,
     Diagnostics,
@@ -182,6 +183,24 @@ class InterfaceRegistry:
         """
         interface = self.interface(name)
         return [] if interface is None else sorted(map(split_ros_name, nested_types(interface)))
+
+    def with_dependencies(self, top: RosName) -> list[RosName]:
+        """Return a checked interface and all interfaces that it refers to, at any depth.
+
+        Types of `DERIVED_TYPES_PACKAGES` are omitted where a service or an action refers to them, because ROS adds such
+        fields to each.
+        """
+        needed: dict[RosName, None] = {}
+        pending = [top]
+        while pending:
+            name = pending.pop()
+            if name in needed:
+                continue
+            needed[name] = None
+            for nested in self.nested_types(name):
+                if name.kind == "msg" or nested.package not in DERIVED_TYPES_PACKAGES:
+                    pending.append(self.owner(nested) or nested)
+        return [*needed]
 
     def parts(self, name: RosName) -> list[str]:
         """Return the full names of the messages and services that are parts of a service or action; [] for

@@ -253,16 +253,6 @@ def scan_search_path(
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
 
 
-def holds_packages(folder: Path) -> bool:
-    """Return True if a folder contains a package with interfaces.
-
-    Raises:
-        DefinitionError: a folder or package.xml cannot be read.
-    """
-    refused: dict[str, Diagnostic] = {}
-    return bool([*_descend(folder, str(folder), refused, set())] or refused)
-
-
 def _add_bundled(found: SearchPath, distro: str) -> None:
     packages = (
         Package(name, one.folder, _BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
@@ -508,6 +498,16 @@ class Workspace:
             return None
         source = place if place.name == "src" else place / "src"
         return cls(source) if source.is_dir() else cls(place, holds_others=True)
+
+    @property
+    def holds_interfaces(self) -> bool:
+        """True if `folder` itself contains a package with interfaces; reads the folder at each access.
+
+        Raises:
+            DefinitionError: a folder or package.xml cannot be read.
+        """
+        refused: dict[str, Diagnostic] = {}
+        return bool([*_descend(self.folder, str(self.folder), refused, set())] or refused)
 
     @property
     def roots(self) -> list[Path]:

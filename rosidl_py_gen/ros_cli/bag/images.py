@@ -132,7 +132,13 @@ _DEPTH_HEADER_BYTES = 12
 
 @click.command("images", cls=options.MultiValueCommand)
 @options.bag_path
-@click.option("-o", "--out", required=True, type=click.Path(), metavar="DIR", help="New or empty output folder.")
+@click.option(
+    *("-o", "--output", "--out", "out"),
+    required=True,
+    type=click.Path(),
+    metavar="DIR",
+    help="New or empty output folder.",
+)
 @options.bag_selection
 @click.option(
     "--format",

@@ -151,8 +151,9 @@ _CHOICES: dict[str, dict[str, Any]] = {
         for policy in POLICIES
         if policy.enum is not None
     },
-    "avoid_ros_namespace_conventions": {"true": True, "false": False},
+    **{policy.rmw_name: {"true": True, "false": False} for policy in POLICIES if policy.is_flag},
 }
+_LIMITS = {policy.rmw_name: policy.limits for policy in POLICIES if policy.limits is not None}
 _KEYS = tuple(policy.rmw_name for policy in POLICIES)
 _EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
@@ -191,8 +192,8 @@ def _policy(key: YamlScalar, value: YamlNode, name: str) -> tuple[str, Any]:
         return policy, choices[word]
     if policy in _PERIOD_FIELDS:
         return _PERIOD_FIELDS[policy], _period(policy, value, name)
-    if policy in _KEYS:
-        return policy, _number(value, name, policy)
+    if policy in _LIMITS:
+        return policy, _number(value, name, policy, is_signed=_LIMITS[policy][0] < 0)
     wrong(key, name, f'{_EXPECTED}; found "{policy[:80]}"{did_you_mean(policy, _KEYS)}')
 
 
@@ -208,9 +209,10 @@ def _period(policy: str, node: YamlNode, name: str) -> int:
     return min(values.get("sec", 0) * NS_PER_S + values.get("nsec", 0), INFINITE_NS)
 
 
-def _number(node: YamlNode, name: str, policy: str) -> int:
-    expected = f"{policy}: expected a whole number, 0 or more"
+def _number(node: YamlNode, name: str, policy: str, *, is_signed: bool = False) -> int:
+    expected = f"{policy}: expected a whole number{'' if is_signed else ', 0 or more'}"
     word = text(node, name, expected)
-    if not (word.isascii() and word.isdecimal() and len(word) < 20):
+    digits = word.removeprefix("-") if is_signed else word
+    if not (digits.isascii() and digits.isdecimal() and len(digits) < 20):
         wrong(node, name, f'{expected}; found "{word[:80]}"')
     return int(word)

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 @click.command("table", cls=options.MultiValueCommand)
 @click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...", cls=options.SeveralArgument)
-@click.option("-o", "--out", required=True, metavar="PLACE", help="Output folder, or URL of fsspec.")
+@click.option(
+    *("-o", "--output", "--out", "out"), required=True, metavar="PLACE", help="Output folder, or URL of fsspec."
+)
 @click.option("--include-large", is_flag=True, help="Also write images and clouds, and messages that contain them.")
 @options.bag_selection
 @options.skip_damaged

@@ -187,7 +187,7 @@ def _middleware(command_node: CommandNode) -> Iterator[Finding]:
     if reason is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
-        advice = "use another libddsc: that of the wheel of cyclonedds, or one set by ROSIDL_LIBDDSC"
+        advice = "use another libddsc, from the wheel of cyclonedds or at the path in ROSIDL_LIBDDSC"
         text = f"topics work with all nodes, services only with nodes on Cyclone DDS: {reason}"
         yield Finding(WARNING, text, advice)
     for capability, state in command_node.context.library_capabilities.items():

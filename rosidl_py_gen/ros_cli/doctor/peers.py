@@ -1,7 +1,7 @@
 """Checks of peers: a self-test with a second process, the participants of the domain, and incompatible endpoints.
 
-The second process publishes the messages that it receives. The middleware of a peer is derived from three facts: its
-GUID begins with a vendor id, ROS participants announce that they belong to ROS, and type hashes exist since ROS Iron.
+The middleware of a peer is derived from three facts: its GUID begins with a vendor id, ROS participants announce that
+they belong to ROS, and type hashes exist since ROS Iron.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from itertools import chain, islice
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions
+from rosidl_py_gen.command_support import self_test_process
+from rosidl_py_gen.command_support.command_node import CommandNode
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, WARNING, Finding
 from rosidl_py_gen.ros_cli.doctor.machine import FIRST_PORT, PORTS_PER_DOMAIN
-from rosidl_py_gen.runtime import SecurityError, WaitTimeoutError, run
+from rosidl_py_gen.runtime import SecurityError, WaitTimeoutError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,35 +50,9 @@ _REPLY_TIMEOUT_S = 10.0
 _END_TIMEOUT_S = 2.0
 _MAX_NAMES = 20
 _MAX_MISMATCHES = 20
-_MAX_LIFETIME_S = 60
-"""Maximum lifetime of the second process in seconds, which ends it if the command ``doctor`` was killed."""
 
 
 # ----------------------------------------------------------------------------------------------------------- self-test
-
-
-def topics(test_id: str) -> tuple[str, str]:
-    """Return the names of the hidden topics to and from the second process of the self-test."""
-    return f"/_rosidl_py_doctor/{test_id}/there", f"/_rosidl_py_doctor/{test_id}/back"
-
-
-async def main(domain_id: int, discovery: str, test_id: str) -> None:
-    """Publish each received message on the topic back to ``doctor``, until this process is ended."""
-    there, back = topics(test_id)
-    async with CommandNode(NetworkOptions(domain_id=domain_id, discovery=discovery)) as command_node:
-        out, messages = (
-            command_node.node.create_publisher(Time, back),
-            command_node.node.create_subscription(Time, there),
-        )
-        print("ready", flush=True)
-        async for message in messages:
-            out.publish(message)
-
-
-def start(domain_id: str, discovery: str, test_id: str) -> None:
-    """Run the second process of the self-test with the arguments of its command line."""
-    # SIGTERM ends `run` in order; peers would wait for acknowledgements of a killed process.
-    run(asyncio.wait_for(main(int(domain_id), discovery, test_id), _MAX_LIFETIME_S))
 
 
 def _python_command(statements: str, *arguments: str) -> list[str]:
@@ -98,7 +73,7 @@ class SelfTest:
         settings = command_node.context.settings
         arguments = (str(settings.domain_id), settings.discovery_range.value, self._test_id)
         self._process = subprocess.Popen(
-            _python_command(f"from {start.__module__} import start; start(*sys.argv[1:])", *arguments),
+            _python_command(f"from {self_test_process.__name__} import start; start(*sys.argv[1:])", *arguments),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -108,7 +83,7 @@ class SelfTest:
 
     async def result(self) -> Finding:
         """Run the self-test and return its finding: the second process was found and sent a message back, or not."""
-        there, back = topics(self._test_id)
+        there, back = self_test_process.topics(self._test_id)
         node = self._command_node.node
         try:
             out, replies = node.create_publisher(Time, there), node.create_subscription(Time, back)
@@ -259,7 +234,7 @@ def _service_mismatches(node: Node) -> Iterator[Finding]:
     for service, _ in node.get_service_names_and_types():
         for one in node.incompatible_endpoints_of_service(service):
             text = f"no calls of {service} from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
-            advice = "use the same type and definition for both" if one.kind != "qos" else ""
+            advice = f"use the same type and {_definition_text(node)} for both" if one.kind != "qos" else ""
             yield Finding(WARNING, text, advice, public="a client and a server of a service are incompatible")
 
 
@@ -268,11 +243,15 @@ def _mismatch(node: Node, topic: str, one: Mismatch) -> Iterator[Finding]:
     if one.kind == "type":
         yield Finding(WARNING, text, public="types differ on a topic")
     elif one.kind == "qos":
-        advice, public = "", "a publisher and a subscription of a topic are incompatible"
-        if node.context.middleware != "Zenoh":  # there the reason may contain a type
-            advice = "use the same reliability and durability for both, or the stronger ones for the publisher"
-            public += f": {one.reason}"
+        advice = "use the same reliability and durability for both, or the stronger ones for the publisher"
+        public = f"a publisher and a subscription of a topic are incompatible: {one.reason}"
         yield Finding(WARNING, text, advice, public=public)
     else:
-        advice = "use the same definition for both; nodes of this package drop such messages, others may misread them"
+        advice = f"use the same {_definition_text(node)} for both"
+        if node.context.middleware != "Zenoh":  # Zenoh does not connect them
+            advice += "; nodes of this package drop such messages, others may misread them"
         yield Finding(WARNING, text, advice, public="definitions differ on a topic")
+
+
+def _definition_text(node: Node) -> str:
+    return "definition and format of Zenoh keys" if node.context.middleware == "Zenoh" else "definition"

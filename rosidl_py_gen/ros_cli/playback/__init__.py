@@ -106,7 +106,9 @@ _ALTERNATIVES = (
     help="Speed relative to the recording; 2 is twice as fast.",
 )
 @click.option("-l", "--loop", is_flag=True, help="Repeat at the end.")
-@_names("topic", "--topics", help="Play only these, and those of --services, --actions and --regex.")
+@_names(
+    "topic", "--topics", help="Play only these topics, and the topics that --services, --actions and --regex select."
+)
 @_names("service", "--services", help="Play only the events of these services, or send requests to them.")
 @_names("action", "--actions", help="Play only the topics and events of these actions.")
 @click.option("-e", "--regex", metavar="REGEX", help="Play only names that match completely.")

@@ -377,18 +377,32 @@ class Player:
         """Wait until `play` has started; before that there is no next message."""
         await self._has_begun.wait()
 
+    def set_paused(self, is_paused: bool) -> None:
+        """Pause playback if `is_paused` is True, else resume it."""
+        self.timeline.set_paused(is_paused)
+        self.on_change()
+
     def toggle(self) -> None:
         """Pause playback, or resume it if it is paused."""
-        self.timeline.set_paused(not self.timeline.is_paused)
+        self.set_paused(not self.timeline.is_paused)
+
+    def set_rate(self, rate: float) -> bool:
+        """Set the rate of playback; returns False if `rate` is not a positive finite number."""
+        is_set = self.timeline.set_rate(rate)
         self.on_change()
+        return is_set
 
     def change_rate(self, by: float) -> None:
         """Add `by` to the rate of playback, unless the new rate would be 0 or less."""
-        self.timeline.set_rate(round(self.timeline.rate + by, 6))
-        self.on_change()
+        self.set_rate(round(self.timeline.rate + by, 6))
 
     def step(self) -> bool:
         """Publish the next message if playback is paused; returns True if a message was sent."""
+        was_sent = self._step()
+        self.on_change()
+        return was_sent
+
+    def _step(self) -> bool:
         if not self.timeline.is_paused:
             return False
         while self._next is not None:
@@ -403,8 +417,9 @@ class Player:
     def burst(self, count: int) -> int:
         """Publish the next `count` messages, 0 for all, if playback is paused; returns how many were sent."""
         done = 0
-        while (not count or done < count) and self.step():
+        while (not count or done < count) and self._step():
             done += 1
+        self.on_change()
         return done
 
     def seek(self, at_ns: int) -> bool:
@@ -549,12 +564,12 @@ def _serve(node: Node, player: Player) -> None:
         node,
         f"{_PLAYER}/",
         {
-            "pause": lambda _: timeline.set_paused(True),
-            "resume": lambda _: timeline.set_paused(False),
+            "pause": lambda _: player.set_paused(True),
+            "resume": lambda _: player.set_paused(False),
             "toggle_paused": lambda _: player.toggle(),
             "is_paused": lambda _: {"paused": timeline.is_paused},
             "get_rate": lambda _: {"rate": timeline.rate},
-            "set_rate": lambda request: {"success": timeline.set_rate(request.rate)},
+            "set_rate": lambda request: {"success": player.set_rate(request.rate)},
             "play": lambda _: {"success": False},  # it is playing already
             "play_next": lambda _: {"success": player.step()},
             "burst": lambda request: {"actually_burst": player.burst(request.num_messages)},

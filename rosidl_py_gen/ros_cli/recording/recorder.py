@@ -181,6 +181,11 @@ class Recorder:
         """Number of messages that the subscriptions dropped, as they arrived faster than they were read."""
         return sum(one.dropped for one in self._subscriptions)
 
+    @property
+    def incompatible(self) -> int:
+        """Number of messages that were dropped because their publisher has another definition than the bag's topic."""
+        return sum(one.incompatible_dropped for one in self._subscriptions)
+
     async def run(self) -> None:
         """Record existing and new topics until cancelled."""
         try:
@@ -209,7 +214,8 @@ class Recorder:
         """Display the progress of recording until cancelled; raises the error of a topic that failed."""
         began = now_s()
         while True:
-            dropped = f", {self.dropped} dropped" if self.dropped else ""
+            dropped_count = self.dropped + self.incompatible
+            dropped = f", {dropped_count} dropped" if dropped_count else ""
             counts = f"{pluralize(self._writer.messages, 'message')} of {pluralize(len(self.recorded), 'topic')}"
             text = f"{counts}, {size_text(self._writer.bytes)}"
             retained = self._writer.retained_count
@@ -229,7 +235,7 @@ class Recorder:
             self.recorded.add(name)
             self._owners |= {TopicOwner("topic", name), owner_of(name, kinds[0])}
             if len(kinds) > 1:
-                terminal_output.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
+                terminal_output.note(f"{name} has several types, {', '.join(kinds)}: recording messages of {kinds[0]}")
             self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))
 
     def _is_valid(self, topic: str, kind: str) -> bool:
@@ -387,12 +393,14 @@ def _serve(node: Node, recorder: Recorder, *, snapshots: bool) -> None:
 
 
 def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -> None:
-    topics, received, early = (len(recorder.recorded), recorder.dropped, recorder.early) if recorder else (0, 0, 0)
+    topics = received = early = incompatible = 0
+    if recorder is not None:
+        topics, received, early = len(recorder.recorded), recorder.dropped, recorder.early
+        incompatible = recorder.incompatible
     dropped = writer.dropped + received
     if as_json:
-        terminal_output.document(
-            {"path": str(writer.path), "messages": writer.messages, "topics": topics, "dropped": dropped}
-        )
+        counts = {"messages": writer.messages, "topics": topics, "dropped": dropped + incompatible}
+        terminal_output.document({"path": str(writer.path), **counts})
         return
     terminal_output.note(
         f"recorded {pluralize(writer.messages, 'message')} of {pluralize(topics, 'topic')}, "
@@ -407,4 +415,6 @@ def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -
         dropped = received
     if dropped:
         terminal_output.note(f"dropped {pluralize(dropped, 'message')}: more arrived than could be written")
+    if incompatible:
+        terminal_output.note(f"dropped {pluralize(incompatible, 'message')} of other definitions of their type")
     print_next_step("rosidl-py bag info", quote(str(writer.path)))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import builtins
 from enum import Enum
+from typing import Any
 
 from rosidl_py_gen import runtime
+from rosidl_py_gen.runtime import QoSPolicyKind
 
 RMW_DURATION_INFINITE = 2**63 - 1
 RMW_QOS_DEADLINE_BEST_AVAILABLE = RMW_QOS_LIVELINESS_LEASE_DURATION_BEST_AVAILABLE = 2**63 - 2
@@ -100,19 +102,10 @@ class ClockChange(EnumOfC):
     SYSTEM_TIME_NO_CHANGE = 4
 
 
-class rmw_qos_policy_kind_t(EnumOfC):  # as in C
-    """QoS policy that makes two endpoints incompatible; `rclpy.qos.QoSPolicyKind` has the same numbers."""
-
-    RMW_QOS_POLICY_INVALID = 1
-    RMW_QOS_POLICY_DURABILITY = 2
-    RMW_QOS_POLICY_DEADLINE = 4
-    RMW_QOS_POLICY_LIVELINESS = 8
-    RMW_QOS_POLICY_RELIABILITY = 16
-    RMW_QOS_POLICY_HISTORY = 32
-    RMW_QOS_POLICY_LIFESPAN = 64
-    RMW_QOS_POLICY_DEPTH = 128
-    RMW_QOS_POLICY_LIVELINESS_LEASE_DURATION = 256
-    RMW_QOS_POLICY_AVOID_ROS_NAMESPACE_CONVENTIONS = 512
+rmw_qos_policy_kind_t: Any = EnumOfC(  # type: ignore[call-arg]
+    "rmw_qos_policy_kind_t", {f"RMW_QOS_POLICY_{kind.name}": kind.value for kind in QoSPolicyKind}, module=__name__
+)
+"""QoS policy that makes two endpoints incompatible, named as in C, with the numbers of `rclpy.qos.QoSPolicyKind`."""
 
 
 class QoSCompatibility(EnumOfC):

@@ -151,7 +151,13 @@ _DEFAULTS: dict[str, Any] = {
     "liveliness_lease_duration": Duration(),
     "avoid_ros_namespace_conventions": False,
 }
-"""Defaults of rmw by field of a QoS profile. `history` precedes `depth`, because the setter of `depth` reads it."""
+_DEFAULTS |= {
+    policy.rmw_name: getattr(presets.DEFAULT, policy.field)
+    for policy in presets.POLICIES
+    if policy.rmw_name not in _DEFAULTS
+}
+"""Defaults of rmw by field of a QoS profile; fields that rclpy does not have come last. `history` precedes `depth`,
+because the setter of `depth` reads it."""
 
 
 class QoSProfile:
@@ -168,10 +174,10 @@ class QoSProfile:
     reliability = Checked[ReliabilityPolicy](int, convert=ReliabilityPolicy)
     durability = Checked[DurabilityPolicy](int, convert=DurabilityPolicy)
     liveliness = Checked[LivelinessPolicy](int, convert=LivelinessPolicy)
-    lifespan = Checked[Duration](Duration)
-    deadline = Checked[Duration](Duration)
-    liveliness_lease_duration = Checked[Duration](Duration)
-    avoid_ros_namespace_conventions = Checked[bool](bool)
+    lifespan: Duration
+    deadline: Duration
+    liveliness_lease_duration: Duration
+    avoid_ros_namespace_conventions: bool
 
     def __init__(self, **kwargs: Any) -> None:
         if not kwargs.keys() <= _DEFAULTS.keys():
@@ -236,6 +242,12 @@ class QoSProfile:
     def __str__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!s}' for name in _DEFAULTS)})"
 
+
+for _name, _default in _DEFAULTS.items():
+    if not hasattr(QoSProfile, _name):
+        _field = Checked[Any](type(_default))
+        _field.__set_name__(QoSProfile, _name)
+        setattr(QoSProfile, _name, _field)
 
 DeadlineBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)  # spelled as in rclpy

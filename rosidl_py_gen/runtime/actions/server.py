@@ -32,6 +32,7 @@ from rosidl_py_gen.runtime.actions.server_goal import (
     ServerGoal,
     ServerGoals,
     current_task_or_thread,
+    record_of,
 )
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionEntity, ActionT_co, goal_id_of, server_callbacks, set_goal_id
@@ -194,8 +195,8 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         if self._cancels is None and isinstance(self._cancel_callback, bool):
             return self._cancel_callback
         reply: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        goal._record.cancel_replies.add(reply)
-        reply.add_done_callback(goal._record.cancel_replies.discard)
+        record_of(goal).cancel_replies.add(reply)
+        reply.add_done_callback(record_of(goal).cancel_replies.discard)
         if self._cancels is not None:
             self._cancels._push(CancelRequest(goal, reply))
         elif isinstance(self._cancel_callback, UserCallback):
@@ -208,7 +209,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         self._goals.expire()
         goal_id = goal_id_of(request)
         goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
-        return goal._record.wait_result() if goal is not None else self._goals.table.result(goal_id) or self._unknown
+        return record_of(goal).wait_result() if goal is not None else self._goals.table.result(goal_id) or self._unknown
 
     def _described(self) -> str:
         return f"action {self.name}"
@@ -464,7 +465,7 @@ class ExecuteFunction:
             task.add_done_callback(lambda _: self._on_end(goal))
 
     def _on_end(self, goal: ServerGoal[Any]) -> None:
-        goal._record.executed_by = None
+        record_of(goal).executed_by = None
         if self._scope.closed:
             return
         if goal.is_active:
@@ -473,7 +474,7 @@ class ExecuteFunction:
             self._complete(goal, None, failed=True)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
-        goal._record.executed_by = current_task_or_thread()
+        record_of(goal).executed_by = current_task_or_thread()
         try:
             if not self._readiness.is_satisfied():
                 await self._readiness.wait()
@@ -485,15 +486,15 @@ class ExecuteFunction:
 
     async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
         def execute() -> Any:
-            goal._record.executed_by = current_task_or_thread()
+            record_of(goal).executed_by = current_task_or_thread()
             return self._execute(goal)
 
         try:
             result = await in_thread(f"execute {self._action}", execute)
-            goal._record.executed_by = current_task_or_thread()
+            record_of(goal).executed_by = current_task_or_thread()
             return await result if inspect.isawaitable(result) else result
         except asyncio.CancelledError:
-            goal._record.request_cancel()  # the function may still run in its thread
+            record_of(goal).request_cancel()  # the function may still run in its thread
             raise
 
     def _on_return(self, goal: ServerGoal[Any], value: object) -> None:

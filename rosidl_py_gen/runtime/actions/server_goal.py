@@ -240,6 +240,11 @@ class ServerGoal(Generic[ActionT_co]):
         return f"ServerGoal({self.goal_id.hex()}, {self.status.name})"
 
 
+def record_of(goal: ServerGoal[Any]) -> GoalRecord:
+    """Return the internal state of a goal, which programs do not see."""
+    return goal._record
+
+
 class ServerGoals:
     """Accepted goals of one action server, and its feedback and status topics. Thread: loop.
 

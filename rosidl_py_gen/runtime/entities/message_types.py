@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.graph import TypeCheck
     from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, Payload
+    from rosidl_py_gen.type_loading import DistributionVariants
 
 T = TypeVar("T")
 RequestT = TypeVar("RequestT")
@@ -285,8 +286,8 @@ class TypeHashFilter(Generic[W]):
         self._type = message_type
         self._topic = topic
         self.service_hash = service_hash
-        self._cls: type[Any] | None = None
-        """Class with the definition in use; set by `_others`."""
+        self._variants: DistributionVariants | None = None
+        """Definition in use, and the definitions of other distributions; set by `_others`."""
         self._other_hashes: Mapping[str, str] | None = None
         self._is_late = False
         """True if the definition was set after creation. The reader then announces no hash, so this filter must warn
@@ -406,7 +407,9 @@ class TypeHashFilter(Generic[W]):
         if not self._fits(data):
             text = f"its messages do not fit the definition of {name} in use here"
             fitting = tuple(distro for distro in others if self._fits(data, distro))
-            advice = f", but that of {', '.join(fitting)}; {distribution_advice(fitting, name)}" if fitting else ""
+            advice = (
+                f", but the definition of {', '.join(fitting)}; {distribution_advice(fitting, name)}" if fitting else ""
+            )
             return self._drop_without_hash(endpoint, text + advice)
         if is_humble:
             return _Verdict.DELIVER_ALL
@@ -431,15 +434,16 @@ class TypeHashFilter(Generic[W]):
         call.
         """
         if self._other_hashes is None:
-            from rosidl_py_gen.type_loading import find_class, other_hashes
+            from rosidl_py_gen.type_loading import DistributionVariants
 
             name, type_hash = self._type.ros_name, self._type.type_hash
             cls = class_of(name, type_hash)
             try:
-                # Types that are imported later, and raw data.
-                if cls is None or not getattr(cls._TYPE, "fields", True):
-                    cls = find_class(name, lambda hashes: hashes[name] == type_hash) if type_hash else None
-                self._cls, self._other_hashes = cls, {} if cls is None else other_hashes(cls)
+                if cls is not None and getattr(cls._TYPE, "fields", True):
+                    self._variants = DistributionVariants(cls)
+                else:  # a type that is imported later, or raw data
+                    self._variants = DistributionVariants.find(name, type_hash) if type_hash else None
+                self._other_hashes = {} if self._variants is None else self._variants.hashes
             except RosidlError as error:
                 self._other_hashes = {}
                 self._scope.logger.warning(
@@ -452,11 +456,9 @@ class TypeHashFilter(Generic[W]):
         """Return True if data has the size of a message of the type, with the definition in use or the definition of a
         distribution.
         """
-        from rosidl_py_gen.type_loading import class_in, fits_exactly
-
-        assert self._cls is not None
+        assert self._variants is not None
         try:
-            return fits_exactly(class_in(distro, self._cls) if distro else self._cls, data)
+            return self._variants.fits(data, distro)
         except RosidlError:  # the definition cannot be compiled
             return False
 

@@ -330,7 +330,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         on_error = partial(complete_threadsafe, future, None)
         pending: PendingRequest[ResponseT] = PendingRequest(encoded, partial(_complete, future), on_error, left_s)
         self._enqueue(pending, servers)
-        if left_s is not None:
+        if left_s is not None and pending in self._pending:
             if self._timeouts is None or self._timeouts.loop is not loop:
                 self._timeouts = TimeoutTable(loop, self._expire)
             pending.timeouts = self._timeouts
@@ -618,7 +618,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         if self._responded:
             raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
         if not self._server._respond(self._origin, response):
-            raise ClosedError(f"service {self._server.name} of node {self._server._scope.node_name} is closed")
+            raise self._server._closed_error()
         self._responded = True
 
 
@@ -736,6 +736,9 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         else:
             self._scope.loop_binding.call_soon(lambda: self._wait_and_send(origin, data))
         return True
+
+    def _closed_error(self) -> ClosedError:
+        return ClosedError(f"{self._described()} of node {self._scope.node_name} is closed")
 
     def _send(self, origin: RequestId, data: bytes) -> bool:
         is_sent = self._transport_server.send(origin, data)

@@ -405,8 +405,8 @@ class Subscription(PollableEntity, Generic[T]):
         From then on messages of other definitions are dropped.
 
         Args:
-            taken: raw messages that were taken before, of this or an earlier subscription; those of other definitions
-                are removed.
+            taken: raw messages that were taken before, of this or an earlier subscription; messages of other
+                definitions are removed.
         """
         self._type_hash_filter.set_definition(message_type)
         for _ in range(len(taken)):

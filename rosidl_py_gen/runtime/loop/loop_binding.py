@@ -24,7 +24,7 @@ from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.logs import report_failure
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
-from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop
+from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop, shared_loop_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -71,7 +71,7 @@ class LoopBinding:
         self._participant = participant
         self.bound_loop: asyncio.AbstractEventLoop | None = None
         self.has_user_runner = loop_runner is not None
-        self.shared: SharedLoop | None = None if loop_runner is None else loop_runner._shared_loop
+        self.shared: SharedLoop | None = None if loop_runner is None else shared_loop_of(loop_runner)
         self._changed = threading.Condition()
         """Lock of `shared`, `_blocking_calls`, `_loops_to_bind` and `_paused_loop`; notified when a number falls."""
         self._blocking_calls = 0

@@ -705,3 +705,8 @@ class LoopRunner:
         A call inside the loop takes effect when the loop is left.
         """
         self._shared_loop.close()
+
+
+def shared_loop_of(runner: LoopRunner) -> SharedLoop:
+    """Return the loop that the waiting threads of a runner share."""
+    return runner._shared_loop

@@ -68,7 +68,7 @@ class AdaptiveSubscription(Generic[T]):
         self._callback, self._fixed_qos, self._depth, self._note = callback, qos, depth, note
         self._notes: list[str] = []
         """Sentences for the user about messages that the chosen QoS profile does not receive."""
-        self._dropped = 0
+        self._dropped = self._incompatible_dropped = 0
         self._had_publishers = False
         """True if the topic had publishers when the QoS profile was chosen."""
         self._has_received = False
@@ -140,6 +140,7 @@ class AdaptiveSubscription(Generic[T]):
                     self._rest.append(taken)
         self._subscription.close()
         self._dropped += self._subscription.dropped
+        self._incompatible_dropped += self._subscription.incompatible_dropped
         self._subscription = self._subscribe()
 
     def set_definition(self, msg_type: type[Message]) -> None:
@@ -188,6 +189,11 @@ class AdaptiveSubscription(Generic[T]):
     def dropped(self) -> int:
         """Number of received messages that were dropped because the queue was full."""
         return self._dropped + self._subscription.dropped
+
+    @property
+    def incompatible_dropped(self) -> int:
+        """Number of messages dropped because their publisher has another definition of the type."""
+        return self._incompatible_dropped + self._subscription.incompatible_dropped
 
     def close(self) -> None:
         """Stop receiving; a waiting `receive_with_info` raises `ClosedError`."""

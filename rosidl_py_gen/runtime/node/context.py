@@ -22,7 +22,7 @@ from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-from rosidl_py_gen.runtime.logs import get_root_logger, outputs
+from rosidl_py_gen.runtime.logs import caller_stacklevel, get_root_logger, outputs
 from rosidl_py_gen.runtime.loop.callbacks import CallbacksNeverRanError, FailureGuard, require_on_error
 from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 from rosidl_py_gen.runtime.loop.shared_loop import LoopRunner
@@ -85,7 +85,7 @@ class ContextCore:
         self, settings: DomainSettings, transport: Transport, announce_delay_s: float, loop_runner: LoopRunner | None
     ) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
-            get_root_logger().warning(sentence)
+            get_root_logger().warning(sentence, stacklevel=caller_stacklevel())
         is_supported, warn = getattr(transport, "has_security", False), get_root_logger().warning
         security = find_security(os.environ, self.enclave, warn, is_supported=is_supported)
         self.settings = settings = replace(settings, security=security)
@@ -415,6 +415,11 @@ class Context:
     def shutdown(self) -> None:
         """Do the same as `close`; for compatibility with rclpy."""
         self.close()
+
+
+def core_of(context: Context) -> ContextCore:
+    """Return the internal part of a context, which its users do not see."""
+    return context._core
 
 
 def reserve_default_context() -> Context:

@@ -1,6 +1,6 @@
 """Graph and type methods of a node: nodes, topics and endpoints, the classes of their types, and type descriptions.
 
-Names and parameters of graph methods are those of rclpy. Results contain only what this process has discovered;
+Graph methods have the names and parameters of rclpy. Results contain only what this process has discovered;
 `wait_for_node` and `graph_changes` wait for more.
 """
 

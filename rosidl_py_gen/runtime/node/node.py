@@ -1,7 +1,7 @@
 """Public class for nodes, `Node`, which creates entities and inherits the other methods from mixin classes.
 
-Entities do not know their node. Only lifecycle nodes, the runner and the pytest plugin import this module. Names and
-defaults of service and action methods are those of rclpy. Action clients and servers are imported when they are first
+Entities do not know their node. Only lifecycle nodes, the runner and the pytest plugin import this module. Methods of
+services and actions have the names and defaults of rclpy. Action clients and servers are imported when they are first
 used, because most nodes have none.
 """
 
@@ -27,7 +27,7 @@ from rosidl_py_gen.runtime.logs import failure_listeners, message_text, ros_leve
 from rosidl_py_gen.runtime.loop.callbacks import FailureGuard
 from rosidl_py_gen.runtime.names import NodeNames, normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
-from rosidl_py_gen.runtime.node.context import Context, NodeBase, reserve_default_context
+from rosidl_py_gen.runtime.node.context import Context, NodeBase, core_of, reserve_default_context
 from rosidl_py_gen.runtime.node.graph_methods import GraphMethods, TypeMethods
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.settings import parse_node_arguments
@@ -370,7 +370,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         own_arguments = parse_node_arguments(cli_args)
         # A reservation retains the default context, which another thread may close with its last node.
         self.context = reserve_default_context() if context is None else context
-        core = self.context._core
+        core = core_of(self.context)
         try:
             rules = (*own_arguments.remap_rules, *(core.ros_arguments.remap_rules if use_global_arguments else ()))
             self._names = NodeNames.create(name, namespace, rules)
@@ -409,7 +409,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     def _start_rosout(self, qos: QoSProfile) -> None:
         """Publish log records of the node on ``/rosout``, unless the command line disables it."""
-        if self.context._core.ros_arguments.logs.rosout:
+        if core_of(self.context).ros_arguments.logs.rosout:
             _start_rosout(self._scope, qos)
 
     def _finish_open(self) -> None:
@@ -607,7 +607,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """
         try:
             self._require_open()
-            self.context._core.loop_binding.running_loop()
+            core_of(self.context).loop_binding.running_loop()
         except RosidlError:
             if self._creation_loop_id == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
@@ -626,12 +626,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Close all entities, wake up the tasks that wait for them, and withdraw the node; may be called twice."""
         if self._scope.closed or not self._close_latch.set():
             return
-        if (error := self.context._core.take_never_ran_error(self._scope)) is not None:
+        if (error := core_of(self.context).take_never_ran_error(self._scope)) is not None:
             self.logger.warning(str(error))
             for listener in failure_listeners:
                 listener("", error)
         self._scope.close()
-        self.context._core.release(self)
+        core_of(self.context).release(self)
 
     def destroy_node(self) -> None:
         """Do the same as `close`; for compatibility with rclpy."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.runtime.loop.queues import AsyncQueue
-from rosidl_py_gen.runtime.node.context import NodeBase
+from rosidl_py_gen.runtime.node.context import NodeBase, core_of
 from rosidl_py_gen.runtime.node.timers import TimeSource
 from rosidl_py_gen.runtime.parameters.initial_values import overrides_for
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, require_plain
@@ -80,7 +80,7 @@ class ParameterMethods(NodeBase):
     ) -> None:
         """Create the parameter store and start the standard services in the order of rclpy; arguments as for `Node`."""
         own_overrides = {item.name: item.value for item in as_parameters(parameter_overrides)}
-        core = self.context._core
+        core = core_of(self.context)
         arguments = [*(core.ros_arguments.parameters if use_global_arguments else ()), *own_arguments]
         self._changes = changes = list[AsyncQueue[ParameterChange]]()
         self._event_callbacks = callbacks = RegistrationSet[Callable[[ParameterEvent], object]]()
@@ -436,7 +436,7 @@ class ParameterMethods(NodeBase):
     def _parameter_services(self) -> ParameterServices:
         from rosidl_py_gen.runtime.parameters.services import ParameterServices
 
-        return ParameterServices(self._scope, self._store, self.context._core.initial_values.on_listed)
+        return ParameterServices(self._scope, self._store, core_of(self.context).initial_values.on_listed)
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """Return an async iterator of the events that a node, or with None every node, publishes on

@@ -3,7 +3,7 @@
 ROS arguments stand between ``--ros-args`` and ``--``. Parameter values remain in the order of the command line, because
 later values override earlier ones.
 
-Environment variables are those for domain, discovery range, static peers, middleware and security. The rules of
+Environment variables set domain, discovery range, static peers, middleware and security. The rules of
 security (SROS 2) are the same as in rcl and rmw_cyclonedds; but where rcl remains unsecured silently, a warning is
 logged. The functions read a mapping that the caller passes, not `os.environ`.
 Source: docs/internals/protocol.md 10.4, 10.6, docs/internals/dds.md 10.
@@ -451,7 +451,7 @@ def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | 
         return "ROS_SECURITY_KEYSTORE is not set; expected the folder of a keystore", None
     override = environ.get("ROS_SECURITY_ENCLAVE_OVERRIDE", "")
     root = Path(keystore) / "enclaves"
-    folder = Path(f"{root}/{(override or enclave)[1:]}")  # rcl drops the first character of an override, whatever it is
+    folder = Path(f"{root}/{(override or enclave)[1:]}")  # rcl drops the first character of each override
     if override and not override.startswith("/"):
         origin = f"ROS_SECURITY_ENCLAVE_OVERRIDE={override!r:.300}, which must begin with '/'"
     else:

@@ -38,9 +38,9 @@ from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, 
 from rosidl_py_gen.runtime.parameters.services import (
     descriptor_from_message,
     event_from_message,
+    parameter_to_message,
     parameter_type,
     result_from_message,
-    to_message,
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameters.values import (
@@ -317,7 +317,7 @@ class ParameterClient(CompositeEntity):
         return result
 
     async def _read_batch(self, names: list[str], deadline: Deadline) -> dict[str, ParameterValue]:
-        """Return the values of those of the requested parameters that have a value, with further requests if necessary.
+        """Return the values of the requested parameters that have one, with further requests if necessary.
 
         A node returns no value at all if one of the requested parameters has no value.
         """
@@ -334,7 +334,7 @@ class ParameterClient(CompositeEntity):
         return first | await self._read_batch(names[middle:], deadline)
 
     async def _set_once(self, parameters: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
-        request = SetParameters_Request(parameters=[to_message(item) for item in parameters])
+        request = SetParameters_Request(parameters=[parameter_to_message(item) for item in parameters])
         return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
@@ -361,7 +361,7 @@ class ParameterClient(CompositeEntity):
     set_atomically_sync = blocking(set_atomically)
 
     async def _set_all(self, parameters: Sequence[Parameter], deadline: Deadline) -> SetResult:
-        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in parameters])
+        request = SetParametersAtomically_Request(parameters=[parameter_to_message(item) for item in parameters])
         return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:

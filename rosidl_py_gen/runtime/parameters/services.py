@@ -242,7 +242,7 @@ def value_from_message(message: msg.ParameterValue) -> ParameterValue:
     return ParameterValue(_KINDS[number], content)
 
 
-def to_message(parameter: Parameter) -> msg.Parameter:
+def parameter_to_message(parameter: Parameter) -> msg.Parameter:
     """Convert a parameter to a rcl_interfaces/Parameter."""
     return msg.Parameter(parameter.name, value_to_message(parameter.value))
 
@@ -259,10 +259,10 @@ def requested_parameter(message: msg.Parameter) -> Parameter:
     number = message.value.type
     if number >= len(_KINDS):
         raise InvalidParameterValueError(f"parameter {message.name!r} cannot be set: {number} is not a parameter type")
-    return from_message(message)
+    return parameter_from_message(message)
 
 
-def from_message(message: msg.Parameter) -> Parameter:
+def parameter_from_message(message: msg.Parameter) -> Parameter:
     """Convert a rcl_interfaces/Parameter to a parameter."""
     return Parameter(message.name, value_from_message(message.value))
 
@@ -304,16 +304,16 @@ def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.Par
     return msg.ParameterEvent(
         stamp=Time(sec=sec, nanosec=nanosec),
         node=node,
-        new_parameters=[to_message(p) for p in event.new],
-        changed_parameters=[to_message(p) for p in event.changed],
-        deleted_parameters=[to_message(p) for p in event.deleted],
+        new_parameters=[parameter_to_message(p) for p in event.new],
+        changed_parameters=[parameter_to_message(p) for p in event.changed],
+        deleted_parameters=[parameter_to_message(p) for p in event.deleted],
     )
 
 
 def event_from_message(message: msg.ParameterEvent) -> ParameterEvent:
     """Convert a rcl_interfaces/ParameterEvent to an event, without the message's node and stamp."""
     lists = (message.new_parameters, message.changed_parameters, message.deleted_parameters)
-    return ParameterEvent(*(tuple(map(from_message, parameters)) for parameters in lists))
+    return ParameterEvent(*(tuple(map(parameter_from_message, parameters)) for parameters in lists))
 
 
 def result_to_message(result: SetResult) -> msg.SetParametersResult:

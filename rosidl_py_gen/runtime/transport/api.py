@@ -550,13 +550,14 @@ class ServerAvailability:
         is_available: a server is matched in both directions.
         request_queue_depth: this participant's share of the smallest request queue of the servers; 0 if unlimited.
         incompatible_server: a server that cannot be used, if no server can be used.
-        is_complete: all discovered endpoints of servers are matched, so only another endpoint changes the availability.
+        is_matching_complete: all discovered endpoints of servers are matched, so only another endpoint changes the
+            availability.
     """
 
     is_available: bool = False
     request_queue_depth: int = 0
     incompatible_server: IncompatiblePeer | None = None
-    is_complete: bool = True
+    is_matching_complete: bool = True
 
     def __bool__(self) -> bool:
         return self.is_available

@@ -96,23 +96,30 @@ class Policy:
         rmw_name: name in rmw, in rclpy and in the files of rosbag2.
         label: name in texts for people; empty for a policy that has no line of its own in these texts.
         enum: enum class of the values; None for numbers and flags.
+        limits: smallest and largest value of a number; None for others.
     """
 
     field: str
     rmw_name: str
     label: str = ""
     enum: type[IntEnum] | None = None
+    limits: tuple[int, int] | None = None
 
     @property
     def is_period(self) -> bool:
         """Return True if the value is a duration in nanoseconds."""
         return self.field.endswith("_ns")
 
+    @property
+    def is_flag(self) -> bool:
+        """Return True if the value is True or False."""
+        return self.enum is None and self.limits is None and not self.is_period
+
 
 POLICIES = (
     Policy("reliability", "reliability", "Reliability", Reliability),
     Policy("history", "history", "History (Depth)", History),
-    Policy("depth", "depth"),
+    Policy("depth", "depth", limits=(0, MAX_DEPTH)),
     Policy("durability", "durability", "Durability", Durability),
     Policy("lifespan_ns", "lifespan", "Lifespan"),
     Policy("deadline_ns", "deadline", "Deadline"),
@@ -129,6 +136,8 @@ ENUMS = {policy.field: policy.enum for policy in POLICIES if policy.enum is not 
 """Enum classes of QoS policies, by the field of `QoSProfile` that has a member of the enum as value."""
 PERIODS = {policy.field: policy.rmw_name for policy in POLICIES if policy.is_period}
 """Names in rmw of the QoS policies whose value is a duration, by field of `QoSProfile`."""
+_LIMITS = {policy.field: policy.limits for policy in POLICIES if policy.limits is not None}
+_FLAGS = tuple(policy.field for policy in POLICIES if policy.is_flag)
 
 
 def _policy_member(name: str, kind: type[IntEnum], value: object) -> IntEnum:
@@ -180,15 +189,18 @@ class QoSProfile:
             value: object = getattr(self, name)
             if value.__class__ is not kind:
                 object.__setattr__(self, name, _policy_member(name, kind, value))
-        if self.depth.__class__ is not int or not 0 <= self.depth <= MAX_DEPTH:
-            raise InvalidQoSError(f"depth must be an int from 0 to {MAX_DEPTH}, got {self.depth!r}")
+        for name, (lowest, highest) in _LIMITS.items():
+            number = getattr(self, name)
+            if number.__class__ is not int or not lowest <= number <= highest:
+                raise InvalidQoSError(f"{name} must be an int from {lowest} to {highest}, got {number!r}")
         for name in PERIODS:
             period = getattr(self, name)
             if period.__class__ is not int or not 0 <= period <= INFINITE_NS:
                 raise InvalidQoSError(f"{name} must be an int of nanoseconds from 0 to 2**63-1, got {period!r}")
-        if self.avoid_ros_namespace_conventions.__class__ is not bool:
-            value = self.avoid_ros_namespace_conventions
-            raise InvalidQoSError(f"avoid_ros_namespace_conventions must be True or False, got {value!r}")
+        for name in _FLAGS:
+            flag = getattr(self, name)
+            if flag.__class__ is not bool:
+                raise InvalidQoSError(f"{name} must be True or False, got {flag!r}")
 
     def short(self) -> str:
         """Return reliability, durability and history as a short text: ``reliable, volatile, keep last 10``."""
@@ -583,10 +595,10 @@ class Incompatibility:
 
     @property
     def mismatch_kind(self) -> Literal["type", "definition", "qos"]:
-        """Kind of the difference as in `Mismatch.kind`; other kinds than type and definition count as ``qos``."""
+        """Kind of the difference as in `Mismatch.kind`; a missing type hash counts as ``definition``."""
         if self.kind is IncompatibilityKind.TYPE:
             return "type"
-        return "definition" if self.kind is IncompatibilityKind.DEFINITION else "qos"
+        return "qos" if self.kind is IncompatibilityKind.QOS else "definition"
 
     @property
     def policies(self) -> tuple[QoSPolicyKind, ...]:

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from rosidl_py_gen.compiler.frontend import MAX_FOLDER_DEPTH, PackageBudget, note, read_text
+from rosidl_py_gen.compiler.frontend import PackageBudget, note, read_text
 from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
 
 _MAGIC = re.compile(r"[*?[]")
@@ -208,8 +208,8 @@ class PackageFolder:
 
         A `Gap` stands for the names in a folder outside of the package.
         """
-        if place is not None and place.count("/") >= MAX_FOLDER_DEPTH:
-            yield Gap(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
+        if place is not None and (problem := self._budget.depth_problem(place)):
+            yield Gap(problem)
             return
         real = self.real_folder(place) if place is not None else None
         if place is None or real is None:

@@ -31,7 +31,7 @@ PRINTERS = {
     "ros_cli/__init__.py": "warnings, and flushing",
     "command_support/__init__.py": "errors",
     "ros_cli/completion.py": "the scripts of click",
-    "ros_cli/doctor/peers.py": "one word for its own parent process",
+    "command_support/self_test_process.py": "one word for its own parent process",
     "ros_cli/zenoh_router.py": "its own texts, made printable",
 }
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from each_case import each_case
 
-from rosidl_py_gen import DecodeError, EncodeError, compile_definition, decode, encode, validate
+from rosidl_py_gen import DecodeError, EncodeError, compile_definition, decode, encode, type_name, validate
 
 KINDS = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",
@@ -153,7 +153,7 @@ def test_array_values_that_do_not_fit_exactly_are_refused_with_path(kind: str, a
         for check in (encode, validate):
             with pytest.raises(EncodeError) as caught:
                 check(message)
-            assert caught.value.path == f"{cls._TYPE.name}.v{index}", repr(value)
+            assert caught.value.path == f"{type_name(cls)}.v{index}", repr(value)
             assert caught.value.reason.startswith("expected "), repr(value)
             assert "found " in caught.value.reason
         assert message.v is value
@@ -173,7 +173,7 @@ def test_array_lengths_and_bounds_are_enforced(kind: str) -> None:
             for check in (encode, validate):
                 with pytest.raises(EncodeError) as caught:
                     check(cls(7, value, 0))
-                assert (caught.value.path, caught.value.reason) == (f"{cls._TYPE.name}.v", text)
+                assert (caught.value.path, caught.value.reason) == (f"{type_name(cls)}.v", text)
 
 
 # --- ownership of memory ----------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from support.inner_state import type_fields
 
 from rosidl_py_gen import (
     Action,
@@ -27,7 +28,7 @@ def test_definition_may_be_followed_by_the_definitions_it_uses() -> None:
         f"Middle middle\n{LINE}\nMSG: text/Middle\nother_text/Leaf[] leaves\n"
         f"{LINE}\nMSG: other_text/Leaf\nstring name\n",
     )
-    leaf = cls._TYPE.fields[0].cls._TYPE.fields[0].cls
+    leaf = type_fields(type_fields(cls)[0].cls)[0].cls
     message = cls()
     message.middle.leaves = [leaf("x")]
     assert encode(message).hex() == "00010000" + "01000000" + "02000000" + "7800"
@@ -123,7 +124,7 @@ def test_idl_text_compiles_to_the_class_of_the_equal_msg_text() -> None:
     assert encode(one) == encode(twin)
     assert decode(idl, encode(twin)) == one
     empty = "module text8 { module msg { struct Nothing { uint8 structure_needs_at_least_one_member; }; }; };"
-    assert compile_definition("text8/msg/Nothing", empty)._TYPE.fields == ()
+    assert type_fields(compile_definition("text8/msg/Nothing", empty)) == ()
 
 
 @pytest.mark.parametrize(

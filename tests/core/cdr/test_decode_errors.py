@@ -7,7 +7,7 @@ import tracemalloc
 
 import pytest
 
-from rosidl_py_gen import DecodeError, compile_definition, decode, encode
+from rosidl_py_gen import DecodeError, compile_definition, decode, encode, type_name
 
 FIELDS = """uint8 first
 {} v
@@ -80,7 +80,7 @@ def test_wrong_byte_is_reported_with_field_and_offset(kind: str, tail: str, wher
             error = caught.value
             if not text:  # where exactly an element ends early depends on the path taken
                 continue
-            assert (error.path, error.offset_bytes, error.reason) == (f"{cls._TYPE.name}.v{where}", offset, text)
+            assert (error.path, error.offset_bytes, error.reason) == (f"{type_name(cls)}.v{where}", offset, text)
             assert str(error) == f"{error.path}: at byte {offset}: {text}"
             again = pickle.loads(pickle.dumps(error))
             assert (again.path, again.offset_bytes, again.reason) == (error.path, error.offset_bytes, error.reason)
@@ -101,7 +101,7 @@ def test_unsupported_encapsulation_header_is_refused(data: str, text: str, text_
     for given in (bytes.fromhex(data), bytearray.fromhex(data)):
         with pytest.raises(DecodeError) as caught:
             decode(cls, given)
-        assert caught.value.path == cls._TYPE.name
+        assert caught.value.path == type_name(cls)
         assert caught.value.reason == text
 
 

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.definition_strategies import values, worlds
 from support.example_counts import examples
+from support.inner_state import type_fields
 
 from rosidl_py_gen import EncodeError, compile_definition, decode, encode, get_message, to_dict, validate
 from rosidl_py_gen.base.names import py_name
@@ -59,9 +60,9 @@ float64 x
 int16[2] pair
 """,
 )
-Part = Everything._TYPE.fields[21].cls
+Part = type_fields(Everything)[21].cls
 assert Part is not None
-Fixed = Part._TYPE.fields[2].cls
+Fixed = type_fields(Part)[2].cls
 assert Fixed is not None
 TOP = "wrong/msg/Everything"
 
@@ -252,14 +253,14 @@ def test_validate_and_encode_refuse_the_same_messages_for_the_same_reason(world:
     message = reference.build(world.compile(), data.draw(values(reference, world.top)))
     target: Any = message
     while True:  # descend to a nested message and set one of its fields to a value that may be wrong
-        fields = target._TYPE.fields
+        fields = type_fields(target)
         inside = [getattr(target, field.py_name) for field in fields if field.cls is not None]
         inside = [one for value in inside for one in (value if isinstance(value, list) else [value])]
         if not inside or not data.draw(st.booleans()):
             break
         target = data.draw(st.sampled_from(inside))
-    if target._TYPE.fields:
-        field = data.draw(st.sampled_from(target._TYPE.fields))
+    if type_fields(target):
+        field = data.draw(st.sampled_from(type_fields(target)))
         setattr(target, py_name(field.ros_name), copy.deepcopy(data.draw(st.sampled_from(STRANGE))))
     outcomes: list[Any] = []
     for check in (validate, encode):

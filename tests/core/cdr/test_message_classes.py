@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.inner_state import type_fields
 
 from rosidl_py_gen import Message, compile_definition, decode, encode, get_message, get_service
 
@@ -30,7 +31,7 @@ int32 x -3
 float32[4] quad
 """
 Sample: Any = compile_definition("plain/msg/Sample", TEXT)
-Inner: Any = Sample._TYPE.fields[3].cls
+Inner: Any = type_fields(Sample)[3].cls
 
 
 def test_fields_have_the_order_and_names_of_the_definition() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.inner_state import type_fields
 
 from rosidl_py_gen import (
     DecodeError,
@@ -21,6 +22,7 @@ from rosidl_py_gen import (
     messages,
     records,
     to_dict,
+    type_name,
     validate,
 )
 
@@ -54,7 +56,7 @@ def compiled(name: str, text: str) -> Any:
 
 
 def part(name: str) -> Any:
-    return compiled(f"Of{name}", f"{name}[] v")._TYPE.fields[0].cls
+    return type_fields(compiled(f"Of{name}", f"{name}[] v"))[0].cls
 
 
 def box(kind: str, before: str = "") -> Any:
@@ -226,7 +228,7 @@ def test_wrong_count_is_reported_with_field_and_offset_without_allocating_memory
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
     error = caught.value
-    assert (error.path, error.offset_bytes) == (f"{cls._TYPE.name}.v", offset)
+    assert (error.path, error.offset_bytes) == (f"{type_name(cls)}.v", offset)
     assert error.reason.startswith(text)
 
 
@@ -295,7 +297,7 @@ def test_wrong_structured_array_is_an_encode_error_with_field_and_reason(
     for function in (encode, validate):
         with pytest.raises(EncodeError) as caught:
             function(message)
-        assert caught.value.path == f"{cls._TYPE.name}.v{where}"
+        assert caught.value.path == f"{type_name(cls)}.v{where}"
         assert text in caught.value.reason
     if "expected at most" not in text and "expected exactly" not in text and kind != "string[]":  # as for lists
         with pytest.raises(EncodeError):

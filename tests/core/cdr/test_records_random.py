@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.definition_strategies import World, values
 from support.example_counts import examples
+from support.inner_state import type_fields
 from support.reference_cdr import NUMBERS, Reference, same
 
 from rosidl_py_gen import (
@@ -28,6 +29,7 @@ from rosidl_py_gen import (
     records,
     to_dict,
     to_json,
+    type_name,
     validate,
 )
 from rosidl_py_gen.base.fieldtype import Arity
@@ -82,7 +84,7 @@ Case = tuple[World, Reference, dict[str, Any]]
 def arrays_in(message: Message) -> list[tuple[type[Message], np.ndarray[Any, Any]]]:
     """Return every structured array with the class of its elements, also inside lists of messages."""
     found = []
-    for field in message._TYPE.fields:
+    for field in type_fields(message):
         held = getattr(message, field.py_name)
         if field.cls is None:
             continue
@@ -97,13 +99,13 @@ def arrays_in(message: Message) -> list[tuple[type[Message], np.ndarray[Any, Any
 def lists_in(message: Message) -> list[str]:
     """Return the names of fields at any depth that are lists of fixed-size messages."""
     found = []
-    for field in message._TYPE.fields:
+    for field in type_fields(message):
         held = getattr(message, field.py_name)
         if field.cls is None or isinstance(held, np.ndarray):
             continue
-        if isinstance(held, list) and "Fixed" in field.cls._TYPE.name:
+        if isinstance(held, list) and "Fixed" in type_name(field.cls):
             found.append(field.ros_name)
-        if not field.cls._TYPE.name.endswith(("Fixed0", "Fixed1", "Fixed2")):
+        if not type_name(field.cls).endswith(("Fixed0", "Fixed1", "Fixed2")):
             for one in held if isinstance(held, list) else [held]:
                 found += lists_in(one)
     return found
@@ -112,12 +114,12 @@ def lists_in(message: Message) -> list[str]:
 def with_arrays(message: Message, change: Any = lambda array: array) -> Message:
     """Return a copy with structured arrays instead of all lists of fixed-size messages."""
     clone = copy.copy(message)
-    for field in message._TYPE.fields:
+    for field in type_fields(message):
         held = getattr(message, field.py_name)
         if field.cls is None:
             continue
         if isinstance(held, list):
-            fixed = "Fixed" in field.cls._TYPE.name
+            fixed = "Fixed" in type_name(field.cls)
             new: Any = change(records(held, field.cls)) if fixed else [with_arrays(one, change) for one in held]
         else:
             new = with_arrays(held, change)
@@ -252,7 +254,7 @@ def test_from_dict_accepts_structured_arrays(case: Case) -> None:
     held = decode(cls, reference.encode(world.top, value), arrays=True)
     shallow = {
         field.ros_name: getattr(held, field.py_name)
-        for field in cls._TYPE.fields
+        for field in type_fields(cls)
         if field.type.arity is not Arity.SCALAR and isinstance(getattr(held, field.py_name), np.ndarray)
     }
     assert encode(from_dict(cls, {**value, **shallow})) == encode(held)

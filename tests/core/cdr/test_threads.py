@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.folders import ROOT
+from support.inner_state import type_fields
 from support.parallel_threads import in_threads
 
 import rosidl_py_gen
@@ -45,7 +46,7 @@ def test_first_use_of_a_class_in_eight_threads_yields_equal_bytes_and_arrays(att
 
     def work(number: int) -> tuple[type, bytes, bytes, str, Any]:
         cls = compile_definition("threads_msgs/msg/Cloud", definition)
-        point: Any = cls._TYPE.fields[1].cls
+        point: Any = type_fields(cls)[1].cls
         message = cloud(cls, number % 2)
         data = encode(message)
         assert decode(cls, data) == message and to_dict(decode(cls, data)) == to_dict(message)

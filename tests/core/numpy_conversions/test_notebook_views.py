@@ -20,7 +20,7 @@ from PIL import Image as Pillow
 from sensor_msgs.msg import CompressedImage, Image, Imu, LaserScan, PointCloud2
 from std_msgs.msg import String
 
-from rosidl_py_gen import compile_definition, get_message
+from rosidl_py_gen import compile_definition, get_message, type_name
 from rosidl_py_gen.numpy import (
     array_to_compressedimage,
     array_to_image,
@@ -74,7 +74,7 @@ def pixels(message: Any) -> np.ndarray[Any, Any]:
     html = message_html(message)
     text_of(html)
     found = re.search(r'src="data:image/png;base64,([^"]+)"', html)
-    assert found and f"<details><summary><i>{message._TYPE.name}</i>" in html, html[:500]
+    assert found and f"<details><summary><i>{type_name(message)}</i>" in html, html[:500]
     return np.asarray(Pillow.open(io.BytesIO(base64.b64decode(found[1]))))
 
 
@@ -82,7 +82,7 @@ def fallback(message: Any) -> str:
     """Return the reason why a message has no picture; its tree must be open."""
     html = message_html(message)
     text_of(html)
-    assert "<img" not in html and f"<details open><summary><i>{message._TYPE.name}</i>" in html
+    assert "<img" not in html and f"<details open><summary><i>{type_name(message)}</i>" in html
     found = re.match(r"<div>No picture: ([^<]+)</div>", html)
     assert found, html[:500]
     return found[1]

@@ -12,7 +12,7 @@ from support.bag_damage import COUNT, zeroed_chunk
 from support.bag_samples import memory_limit, write_humble, write_strings
 from support.mcap_records import attachment_record, metadata_record, read_contents
 
-from rosidl_py_gen import compile_definition, get_message
+from rosidl_py_gen import compile_definition, get_message, type_name
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import QoSProfile
@@ -134,7 +134,7 @@ def test_other_type_or_definition_has_a_channel_of_its_own_and_a_note(
             ("std_msgs/msg/String", "string data"),
             (other[0], next(one.definition for one in BagReader(b).channels)),
         ]
-        assert [type(one.message)._TYPE.name for one in reader] == ["std_msgs/msg/String", other[0]]
+        assert [type_name(type(one.message)) for one in reader] == ["std_msgs/msg/String", other[0]]
         assert [one.message.data for one in reader] == ["old", "new"]
     code, _, err = run_here("bag", "merge", str(tmp_path / "sql"), str(a), str(b), "--storage", "sqlite3")
     assert code == 1 and "SQLite bags have one definition per topic; write MCAP files" in err

@@ -13,6 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.changed_definitions import changed_worlds
 from support.example_counts import examples
+from support.inner_state import type_fields
 from support.interface_packages import write
 
 from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
@@ -50,7 +51,7 @@ String: Any = get_message("std_msgs/msg/String")
 def bag(tmp_path: Path) -> str:
     """Three messages of a wheel, and one of a type that does not change."""
     cls = compile_definition(NAME, OLD_TEXT)
-    point = cls._TYPE.fields[-1].cls
+    point = type_fields(cls)[-1].cls
     with BagWriter(tmp_path / "drive") as writer:
         writer.add_topic("/wheel", cls, qos=[QoSProfile().transient_local()])
         for number in range(3):

@@ -301,6 +301,29 @@ async def test_progress_is_updated_at_requested_rate(
     assert all(int(count) in (int(float(at)), int(float(at)) + 1) for at, count in displayed)
 
 
+async def test_progress_is_updated_by_services_of_the_player(
+    node: Node, tool: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = str(strings(tmp_path / "bag", {"/words": range(10)}, step_ns=S))
+    monkeypatch.setattr(terminal_output, "is_error_terminal", lambda: True)
+    for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
+        monkeypatch.setenv(name, value)
+    remote = Rosbag2Services(node, "/rosbag2_player")
+    process = await tool.start("bag", "play", path, "--start-paused", "--progress-bar-update-rate", "-1")
+    await remote("burst", num_messages=3)
+    await remote("set_rate", rate=0.5)
+    await remote("seek", time=_time(1008))
+    await remote("resume")
+    ended = await tool.end(process)
+    displayed = re.findall(r"([0-9.]+ s of 9.000 s, .*?); Ctrl-C ends playback", ended.err)
+    assert displayed[3:7] == [
+        "2.000 s of 9.000 s, 3 messages, paused",
+        "2.000 s of 9.000 s, 3 messages, at 0.5 times the rate, paused",
+        "8.000 s of 9.000 s, 3 messages, at 0.5 times the rate, paused",
+        "8.000 s of 9.000 s, 3 messages, at 0.5 times the rate",
+    ]
+
+
 # -------------------------------------------------------------------------------------------------------------- clock
 
 

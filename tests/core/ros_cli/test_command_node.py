@@ -18,6 +18,7 @@ from rosidl_py_gen.command_support import command_node as module
 from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, context_opened_early
 from rosidl_py_gen.command_support.graph_lookup import interface_class
 from rosidl_py_gen.runtime import EnvironmentSettingError
+from rosidl_py_gen.runtime.node.context import core_of
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -37,7 +38,7 @@ async def test_wait_for_without_timeout_returns_current_condition() -> None:
 async def test_new_endpoints_are_announced_once_after_delay(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
     async with CommandNode({}) as command_node:
-        discovery = command_node.context._core.discovery
+        discovery = core_of(command_node.context).discovery
         publish, told = discovery.publish, []
         monkeypatch.setattr(discovery, "publish", lambda: (publish(), told.append(monotonic())))
         began = monotonic()

@@ -21,7 +21,7 @@ from rosidl_py_gen.base.resources import install_command, interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.ros_cli.message_text import message_from
-from rosidl_py_gen.type_loading.disk_cache import VARIABLE, store_description
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, CachedDescription
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -228,9 +228,8 @@ def cached_command(command: RunHere, cache: Path) -> RunHere:
 def cache_description(described: Told, *parts: str, sources: bool = True) -> None:
     for part in parts or ("",):
         name = described.name + part
-        store_description(
-            described.library.type_hash(name), encode(described.answer(name if part else "", sources=sources))
-        )
+        answer = described.answer(name if part else "", sources=sources)
+        CachedDescription(described.library.type_hash(name)).store(encode(answer))
 
 
 async def test_cached_description_of_node_is_shown_later(memory: World, cached_command: RunHere) -> None:

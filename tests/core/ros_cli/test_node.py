@@ -11,7 +11,9 @@ import pytest
 from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from support.inner_state import participant_of, scope_of
 
+from rosidl_py_gen import type_name
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
 from rosidl_py_gen.runtime import LifecycleNode, State, TransitionCallbackReturn
@@ -63,19 +65,19 @@ async def test_node_info_lists_all_entities_of_node(network: World, tool: Tool) 
 
 @pytest.mark.needs("mcap")
 async def test_invalid_names_of_peers_do_not_hide_valid_ones(memory: World, tool: Tool, tmp_path: Path) -> None:
-    participant = (robot := memory.node("good"))._scope.participant
+    participant = participant_of(robot := memory.node("good"))
     robot.create_publisher(String, "chatter")
     kinds = "GetParameters", "SetParameters", "ListParameters", "DescribeParameters", "GetParameterTypes"
     for namespace, name in (("/", ""), ("/n s", "a\x1b[31m"), ("/b//c", "1")):
-        robot._scope.discovery.add_node(name, namespace)
+        scope_of(robot).discovery.add_node(name, namespace)
         prefix = f"{namespace}/{name}"
         for kind in kinds:
             name = RosName("rcl_interfaces", "srv", kind)
             spec = ServiceSpec(f"{prefix}/{name.module_name[1:]}", str(name), "", "", "", DEFAULT)
             participant.create_server(spec)
-        participant.create_writer(EndpointSpec(TopicKey("topic", f"{prefix}/x"), String._TYPE.name, DEFAULT, "", 1))
+        participant.create_writer(EndpointSpec(TopicKey("topic", f"{prefix}/x"), type_name(String), DEFAULT, "", 1))
     participant.create_writer(EndpointSpec(TopicKey("topic", "/typeless"), "no::ROS type", DEFAULT, "", 1))
-    robot._scope.discovery.publish()
+    scope_of(robot).discovery.publish()
     for words, expected_text in (
         (["node", "list"], "/good"),
         (["service", "list"], "/good/get_parameters"),

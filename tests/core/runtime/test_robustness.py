@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
+from support.inner_state import participant_of, reader_of
 from support.processes import python_process
 from support.waiting import rests, until
 
@@ -43,7 +44,7 @@ def test_nested_fetch_of_a_reader_preserves_sample_order(dds: World, monkeypatch
     from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 
     node = dds.node("n")
-    api, readers = node._scope.participant.api, list[Any]()  # type: ignore[attr-defined]
+    api, readers = participant_of(node).api, list[Any]()
     unref = api.serdata_unref
 
     def interrupted(sample: int) -> None:
@@ -55,7 +56,7 @@ def test_nested_fetch_of_a_reader_preserves_sample_order(dds: World, monkeypatch
     with monkeypatch.context() as patched:
         patched.setattr(api, "serdata_unref", interrupted)
         first = node.create_subscription(String, "first")
-    readers += [first._reader, other._reader]
+    readers += [reader_of(first), reader_of(other)]
     publishers = [node.create_publisher(String, topic) for topic in ("first", "other")]
     known = dict(cyclone_endpoints.local_readers)
     cyclone_endpoints.local_readers.clear()  # so that several samples wait in DDS
@@ -65,7 +66,7 @@ def test_nested_fetch_of_a_reader_preserves_sample_order(dds: World, monkeypatch
     cyclone_endpoints.local_readers.update(known)
     assert readers[0].fetch()
     for subscription, topic in ((first, "/first"), (other, "/other")):
-        texts = [String.decode(sample[0]).data for sample in subscription._items]
+        texts = [String.decode(sample[0]).data for sample in reader_of(subscription).queue.items]
         assert texts == [f"{topic} {number} {'x' * number}" for number in range(5)]
 
 

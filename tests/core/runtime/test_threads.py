@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String
+from support.inner_state import participant_of, scope_of
 from support.local_network import domain_id
 from support.parallel_threads import THREADS, in_threads
 from support.processes import python_process
-from support.raw_endpoints import participant_of
 from support.waiting import wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import LoopRunner, Node, QoSProfile, get_logger
+from rosidl_py_gen.runtime.node.context import core_of
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, ReceiveQueue, TopicKey
 from rosidl_py_gen.runtime.transport.cyclone import domain
 from rosidl_py_gen.runtime.transport.dds import services
@@ -157,7 +158,7 @@ def test_nodes_created_and_closed_by_eight_threads_leave_no_endpoints(world: Wor
                 publisher.publish(Int32())
 
     in_threads(work)
-    assert context._core.scopes == []
+    assert core_of(context).scopes == []
     wait_until(lambda: observer.get_node_names() == ["/observer"])
     numbered = {f"/t{number}" for number in range(THREADS)}
     wait_until(lambda: not numbered & {name for name, _ in observer.get_topic_names_and_types()})
@@ -186,7 +187,7 @@ def test_entities_closed_by_eight_threads_at_once_are_closed_once(
         context.close()
 
     in_threads(work)
-    assert node._scope.owned == {} and node._scope.with_callbacks == {}
+    assert scope_of(node).owned == {} and scope_of(node).with_callbacks == {}
     get_logger("after").warning("the file is open")
     assert "the file is open" in "".join(file.read_text() for file in tmp_path.iterdir())
 
@@ -228,7 +229,7 @@ def test_participant_is_deleted_after_an_endpoint_that_another_thread_deletes(
     context = dds.context()
     node = dds.node("n", context=context)
     publisher = node.create_publisher(Int32, "t")
-    api = node._scope.participant.api
+    api = participant_of(node).api
     delete, deleting, may_delete = api.delete, threading.Event(), threading.Event()
 
     def delete_slowly(entity: int) -> int:

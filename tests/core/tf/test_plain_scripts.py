@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.inner_state import is_awaited
 from support.transform_frames import S, filled, message, moved
 from support.waiting import until
 from support.worlds import World, entity
@@ -82,7 +83,7 @@ async def test_sync_waits_work_in_threads_and_are_refused_in_the_event_loop(memo
         pairs.receive_sync()
     waiting = asyncio.ensure_future(asyncio.to_thread(buffer.wait_for_transform_sync, "map", "lidar", timeout_s=30))
     receiving = asyncio.ensure_future(asyncio.to_thread(pairs.receive_sync, 30))
-    await until(lambda: bool(buffer._waiters) and bool(pairs._waiters))
+    await until(lambda: is_awaited(buffer) and is_awaited(pairs))
     moving.send(moved("map", "lidar", 1, 4))
     for topic in "ab":
         robot.create_publisher(PointStamped, topic).publish(message("PointStamped", stamp_s=1))
@@ -95,10 +96,10 @@ def test_sync_waits_of_objects_without_a_node_are_ended_by_other_threads() -> No
     pairs = ApproximateTimeSynchronizer([source], slop_s=1)
 
     def feed() -> None:
-        while not buffer._waiters:
+        while not is_awaited(buffer):
             time.sleep(0.01)
         buffer.set_transform(moved("map", "lidar", 1, 4))
-        while not pairs._waiters:
+        while not is_awaited(pairs):
             time.sleep(0.01)
         source.signal_message(message("PointStamped", stamp_s=1))
 
@@ -162,7 +163,7 @@ def test_a_closed_node_ends_the_waits_of_other_threads(memory: World) -> None:
     ]
     for thread in threads:
         thread.start()
-    while not (buffer._waiters and pairs._waiters):
+    while not (is_awaited(buffer) and is_awaited(pairs)):
         time.sleep(0.01)
     viewer.close()
     for thread in threads:

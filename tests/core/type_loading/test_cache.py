@@ -13,7 +13,7 @@ import pytest
 
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.disk_cache import VARIABLE, cache_folder, load_description, store_description
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, CachedDescription, cache_folder
 
 HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
 
@@ -45,10 +45,10 @@ def test_stored_descriptions_are_loaded_and_the_oldest_are_evicted(
     monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "folder"))
     monkeypatch.setattr(disk_cache, "MAX_DESCRIPTIONS", 3)
     for age, one in enumerate(HASHES):
-        assert load_description(one) is None
-        store_description(one, one.encode())
+        assert CachedDescription(one).load() is None
+        CachedDescription(one).store(one.encode())
         os.utime(tmp_path / "new" / "folder" / f"{one}.cdr", (age, age))
-    assert [load_description(one) for one in HASHES] == [None, None, *(one.encode() for one in HASHES[2:])]
+    assert [CachedDescription(one).load() for one in HASHES] == [None, None, *(one.encode() for one in HASHES[2:])]
     assert len(list((tmp_path / "new" / "folder").iterdir())) == 3
 
 
@@ -56,18 +56,18 @@ def test_too_large_descriptions_and_unusable_folders_are_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    store_description(HASHES[0], bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
+    CachedDescription(HASHES[0]).store(bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
     (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
     (tmp_path / f"{HASHES[1]}.cdr").mkdir()
-    assert load_description(HASHES[0]) is load_description(HASHES[1]) is None
-    store_description(HASHES[1], b"x")
+    assert CachedDescription(HASHES[0]).load() is CachedDescription(HASHES[1]).load() is None
+    CachedDescription(HASHES[1]).store(b"x")
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{HASHES[0]}.cdr", f"{HASHES[1]}.cdr"]
     for odd in ("\0", str(tmp_path / f"{HASHES[0]}.cdr"), "/proc/nowhere"):
         with monkeypatch.context() as patch:
             patch.setattr(disk_cache, "cache_folder", lambda odd=odd: Path(odd))
-            store_description(HASHES[2], b"x")
-            assert load_description(HASHES[2]) is None
+            CachedDescription(HASHES[2]).store(b"x")
+            assert CachedDescription(HASHES[2]).load() is None
 
 
 def test_failed_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +77,7 @@ def test_failed_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
         raise OSError("no space left on device")
 
     monkeypatch.setattr(os, "replace", fail)
-    store_description(HASHES[0], b"x")
+    CachedDescription(HASHES[0]).store(b"x")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -137,12 +137,12 @@ def test_no_kind_of_cached_folder_is_used_if_other_users_can_write(
 @needs_owners
 @pytest.mark.parametrize("mode", [0o777, 0o770])
 def test_descriptions_are_neither_read_nor_written_if_other_users_can_write(home: Path, mode: int) -> None:
-    store_description(HASHES[0], b"x")
-    assert load_description(HASHES[0]) == b"x"
+    CachedDescription(HASHES[0]).store(b"x")
+    assert CachedDescription(HASHES[0]).load() == b"x"
     home.chmod(mode)
-    store_description(HASHES[1], b"x")
-    assert load_description(HASHES[0]) is load_description(HASHES[1]) is None
-    assert [*disk_cache.cached_descriptions(b"x")] == [] and len([*home.iterdir()]) == 1
+    CachedDescription(HASHES[1]).store(b"x")
+    assert CachedDescription(HASHES[0]).load() is CachedDescription(HASHES[1]).load() is None
+    assert [*CachedDescription.find(b"x")] == [] and len([*home.iterdir()]) == 1
 
 
 @needs_owners
@@ -151,11 +151,11 @@ def test_new_cached_folders_and_files_are_private_with_any_umask(home: Path, mas
     old = os.umask(mask)
     try:
         folder = disk_cache.cached_folder("prefix", ["words"])
-        store_description(HASHES[0], b"x")
+        CachedDescription(HASHES[0]).store(b"x")
         disk_cache.store_checked(home / "modules/one.scan", b"x", max_files=9)
     finally:
         os.umask(old)
-    assert load_description(HASHES[0]) == b"x" and disk_cache.is_usable(folder)
+    assert CachedDescription(HASHES[0]).load() == b"x" and disk_cache.is_usable(folder)
     modes = {str(one.relative_to(home)): stat.S_IMODE(one.stat().st_mode) for one in [home, *home.rglob("*")]}
     assert {mode for name, mode in modes.items() if (home / name).is_dir()} == {0o700}
     assert {mode for name, mode in modes.items() if (home / name).is_file()} == {0o600}

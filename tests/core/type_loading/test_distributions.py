@@ -154,7 +154,7 @@ def test_names_of_distributions_are_read_in_any_case() -> None:
 
 def test_unknown_distribution_in_the_environment_is_warned_about_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "galactic")
-    with pytest.warns(DistributionWarning, match="no definitions of 'galactic'; using those of jazzy"):
+    with pytest.warns(DistributionWarning, match="no definitions of 'galactic'; using the definitions of jazzy"):
         assert get_message("std_msgs/Bool")
     with warnings.catch_warnings():
         warnings.simplefilter("error")

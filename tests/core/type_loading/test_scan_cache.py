@@ -205,6 +205,13 @@ def test_cached_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytes
     assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "robot"}
 
 
+def test_new_package_is_found_after_a_workspace_was_listed_twice_in_a_process(tmp_path: Path) -> None:
+    workspace = _workspace(tmp_path)
+    assert workspace.packages and set(workspace_packages(workspace)) == {"a_msgs", "b_msgs", "robot"}
+    write(tmp_path, {"ws/src/new/package.xml": XML.format("new")})
+    assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "new", "robot"}
+
+
 def test_new_sibling_of_a_package_outside_of_src_is_found_despite_the_cache(tmp_path: Path) -> None:
     write(tmp_path, {"all/own/package.xml": XML.format("own")})
 

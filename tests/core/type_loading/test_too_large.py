@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from support.bag_samples import write_foreign
+from support.inner_state import type_fields
 from support.rclpy_messages import hooked
 
 from rosidl_py_gen import DefinitionError, compile_definition, get_message
@@ -18,7 +19,7 @@ from rosidl_py_gen.base.fieldtype import FieldType
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_ELEMENTS
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.type_loading.from_description import compile_described
+from rosidl_py_gen.type_loading.from_description import DescribedType
 
 WIDE = "".join(f"float32 f{i}\n" for i in range(MAX_ELEMENTS + 1))
 AT_LIMIT = "".join(f"float32 f{i}\n" for i in range(MAX_ELEMENTS))
@@ -71,20 +72,20 @@ def test_texts_of_bags_are_refused() -> None:
     schema: Any = SimpleNamespace(name="wide_msgs/msg/Wide", data=WIDE.encode(), encoding="ros2msg")
     with pytest.raises(DefinitionError, match=REASON):
         DecoderFactory().decoder_for("cdr", schema)
-    assert len(compile_definition("wide_msgs/msg/AtLimit", AT_LIMIT)._TYPE.fields) == MAX_ELEMENTS
+    assert len(type_fields(compile_definition("wide_msgs/msg/AtLimit", AT_LIMIT))) == MAX_ELEMENTS
 
 
 def test_descriptions_of_nodes_are_refused() -> None:
     """A description has at most 1000 fields of one type; nested messages make more of them."""
     small = compile_definition("wide_msgs/msg/Pair", "float32 x\nfloat32 y\n")
     rows = [(f"f{i}", FieldType.parse("wide_msgs/msg/Pair"), "") for i in range(700)]
-    pair = [(field.ros_name, field.type, "") for field in small._TYPE.fields]
+    pair = [(field.ros_name, field.type, "") for field in type_fields(small)]
     described = {
         name: individual_description(name, found)
         for name, found in {"wide_msgs/msg/Many": rows, "wide_msgs/msg/Pair": pair}.items()
     }
     with pytest.raises(DefinitionError, match=r"wide_msgs/msg/Many has 2001 fields .* at most 2000 are allowed"):
-        compile_described("wide_msgs/msg/Many", described, {})
+        DescribedType("wide_msgs/msg/Many", described).load()
 
 
 def test_other_topics_of_a_bag_are_read(tmp_path: Path) -> None:

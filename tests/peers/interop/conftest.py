@@ -36,7 +36,7 @@ _CYCLONE_XML = (
 @pytest.fixture(autouse=True)
 def bound_as_the_peers_are(only_loopback: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bind to loopback, because peers announce only that, and Cyclone before 11 needs it: docs/internals/dds.md 8."""
-    if IGNORE_TYPE_INFORMATION in library.find().unsupported_elements:
+    if IGNORE_TYPE_INFORMATION in library.find_library().unsupported_elements:
         bound = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
         monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{bound}</Domain></CycloneDDS>")
 

@@ -12,6 +12,7 @@ from support.waiting import until
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import CancelRejectedError, GoalRejectedError, GoalStatus, ServerGoal
+from rosidl_py_gen.runtime.actions.server_goal import record_of
 
 FIBONACCI = "test_msgs/action/Fibonacci"
 NESTED = "test_msgs/action/NestedMessage"
@@ -119,7 +120,7 @@ async def test_rclpy_client_obtains_results_of_twenty_goals_ending_together(worl
         accepted = (shared_peer.do("send_goal", name=name, key=key, goal={"order": 1}) for key in some)
         assert all(await asyncio.gather(*accepted))
     results = {asyncio.ensure_future(shared_peer.do("result", key=key)): key for key in keys}
-    await until(lambda: all(goal._record.changed for goal in server.goals))
+    await until(lambda: all(record_of(goal).changed for goal in server.goals))
     may_end.set()
     done, lost = await asyncio.wait(results, timeout=10)
     # A busy machine may lose replies that rclpy has received and not taken. Without flow control it loses half of them.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from peer_helpers import digest, fresh, random_bytes
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import get_message, type_name
 from rosidl_py_gen.runtime import WaitTimeoutError
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ async def matched(node: Any, peer: Peer, cls: Any, topic: str) -> tuple[Any, Any
     """Return our publisher on `<topic>_to_them` and subscription on `<topic>_to_us`."""
     publisher = node.create_publisher(cls, f"{topic}_to_them")
     subscription = node.create_subscription(cls, f"{topic}_to_us")
-    await peer.do("subscribe", topic=f"{topic}_to_them", type=cls._TYPE.name)
-    await peer.do("publisher", topic=f"{topic}_to_us", type=cls._TYPE.name)
+    await peer.do("subscribe", topic=f"{topic}_to_them", type=type_name(cls))
+    await peer.do("publisher", topic=f"{topic}_to_us", type=type_name(cls))
     assert await publisher.wait_for_subscribers(10) and await subscription.wait_for_publishers(10)
     await peer.do("matched", topic=f"{topic}_to_them")
     await peer.do("matched", topic=f"{topic}_to_us")

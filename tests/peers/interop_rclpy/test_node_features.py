@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from peer_helpers import fresh, message, plain, repeated, service
 from rclpy_peer import Peer
+from support.inner_state import graph_of
 from support.waiting import until
 
 from rosidl_py_gen import from_dict, get_message, type_hash
@@ -189,7 +190,7 @@ async def test_service_events_of_both_sides_contain_gid_of_reply_reader(
         await call()
     events = [await subscription.receive(timeout_s=WAIT_S) for _ in range(3 * len(EVENTS))]
     (gid,) = {bytes(event.info.client_gid) for event in events}
-    readers = [reply for reply in node._scope.graph.endpoints.values() if reply.topic_key == ("reply", name)]
+    readers = [reply for reply in graph_of(node).endpoints.values() if reply.topic_key == ("reply", name)]
     assert gid in [reply.guid for reply in readers if not reply.is_writer]
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from peer_helpers import fresh, plain, random_values, service
 from rclpy_peer import Peer
+from support.inner_state import graph_of, participant_of, servers_of, transport_end_of
 from support.processes import SOON_MISSED
 from support.waiting import until
 
@@ -143,7 +144,7 @@ async def test_requests_contain_reply_reader_until_all_servers_have_replied(
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
     client = await client_of_rclpy_server(world.node("tester"), shared_peer, name, kind, "trigger", note="first")
     request = service(shared_peer, kind).Request()
-    writer, named = client._transport_client._writer, []
+    writer, named = transport_end_of(client)._writer, []
     write = writer.write
     monkeypatch.setattr(
         writer, "write", lambda data, identity: (named.append(identity is not None), write(data, identity))[1]
@@ -153,7 +154,7 @@ async def test_requests_contain_reply_reader_until_all_servers_have_replied(
     assert named == [True, False, False]
     second = start_peer("second")
     await second.do("serve", name=name, type=kind, how="trigger", note="second")
-    await until(lambda: len(client._servers()) == len(writer.matched_readers()) == 2)
+    await until(lambda: len(servers_of(client)) == len(writer.matched_readers()) == 2)
     await client.call(request, CALL_S)
     assert named[3:] == [True]
     while named[-1]:
@@ -244,9 +245,9 @@ def delay_match(server: Any, delay_s: float) -> Any:
     """Delay Cyclone's match of the reader of a server; return the object to keep alive."""
     function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone does not notify of a suitable moment
     api, listener = cyclone.API, cyclone.API.create_listener(None)
-    api.copy_listener(listener, server._scope.participant.listener)
+    api.copy_listener(listener, participant_of(server).listener)
     api.lset_subscription_matched_arg(listener, ct.cast(function, ct.c_void_p), None, True)
-    assert api.set_listener(server._transport_server._reader.entity, listener) == 0
+    assert api.set_listener(transport_end_of(server)._reader.entity, listener) == 0
     api.delete_listener(listener)
     return function
 
@@ -279,13 +280,13 @@ async def test_earlier_samples_are_requested_once_from_new_request_writer(
     node = world.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
-    reader, best_effort = server._transport_server.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
+    reader, best_effort = transport_end_of(server).endpoints[0], list(participant_of(node).readers.values())[-1].guid
     monkeypatch.setattr(peers, "request_samples", record)
     await shared_peer.do("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.do("client", name=name, type=KIND)
     await shared_peer.do("call", name=name, requests_=[{}], within_s=10)
     await until(lambda: any(pair[0] == reader for pair in requested))
-    of_service = [end.guid for end in node._scope.graph.endpoints_on(TopicKey("request", name), writers=True)]
+    of_service = [end.guid for end in graph_of(node).endpoints_on(TopicKey("request", name), writers=True)]
     assert len(of_service) == 1
     assert [pair for pair in requested if pair[0] == reader] == [(reader, of_service[0])]
     assert best_effort not in {pair[0] for pair in requested}

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from peer_helpers import action, fresh, service
 from rclpy_peer import Peer, PeerError
+from support.inner_state import servers_of
 from support.waiting import until
 
 from rosidl_py_gen.runtime import ServerGoal
@@ -137,7 +138,7 @@ class Soak:
     @staticmethod
     def is_replaced(client: Any, dead: set[bytes]) -> bool:
         """Return True if the client knows a server other than the dead ones."""
-        servers = client._servers()
+        servers = servers_of(client)
         return bool(servers) and servers.isdisjoint(dead)
 
     async def kill(self, start_mortal: Callable[[str], Peer]) -> None:
@@ -145,7 +146,7 @@ class Soak:
         name = fresh("mortal")
         client = self.ours.create_client(self.trigger, name)
         while not self.is_over:
-            dead = client._servers()  # until its lease ends nobody knows, and a request may go to it alone
+            dead = servers_of(client)  # until its lease ends nobody knows, and a request may go to it alone
             peer = start_mortal("mortal")
             await peer.do("serve", name=name, type=TRIGGER, how="trigger", note="alive")
             await peer.do("client", name=self.names["ours_mortal"], type=BASIC)

@@ -10,7 +10,7 @@ from peer_helpers import digest, fresh, message, plain, random_bytes, random_val
 from rclpy_peer import Peer
 from support.waiting import until
 
-from rosidl_py_gen import from_dict
+from rosidl_py_gen import from_dict, type_name
 from rosidl_py_gen.runtime import Node, QoSProfile
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
@@ -36,7 +36,7 @@ async def matched_publisher(
     node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]
 ) -> Any:
     """Return our publisher that is matched with a subscription of the peer."""
-    await peer.do("subscribe", topic=topic, type=cls._TYPE.name, qos=theirs)
+    await peer.do("subscribe", topic=topic, type=type_name(cls), qos=theirs)
     publisher = node.create_publisher(cls, topic, qos)
     assert await publisher.wait_for_subscribers(timeout_s=10)
     await peer.do("matched", topic=topic)
@@ -48,7 +48,7 @@ async def matched_subscription(
 ) -> Any:
     """Return our subscription that is matched with a publisher of the peer."""
     subscription = node.create_subscription(cls, topic, qos=qos)
-    await peer.do("publisher", topic=topic, type=cls._TYPE.name, qos=theirs)
+    await peer.do("publisher", topic=topic, type=type_name(cls), qos=theirs)
     assert await subscription.wait_for_publishers(timeout_s=10)
     await peer.do("matched", topic=topic)
     return subscription

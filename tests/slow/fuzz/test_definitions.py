@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from support.example_counts import examples
 
-from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict
+from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict, type_hash, type_name
 from rosidl_py_gen.bags import DecoderFactory
 from rosidl_py_gen.base.descriptions import individual_descriptions
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError
-from rosidl_py_gen.type_loading.from_description import compile_described, definition_text
+from rosidl_py_gen.type_loading.from_description import DescribedType, definition_text
 
 LINE = "=" * 80
 MAX_S = 10.0
@@ -160,8 +160,8 @@ def used(cls: Any) -> None:
         value = cls()
         assert encode(decode(cls, encode(value))) == encode(value)
         from_dict(cls, to_dict(value))
-        again = compile_definition(cls._TYPE.name, definition_text(cls))
-        assert again._TYPE.hash == cls._TYPE.hash
+        again = compile_definition(type_name(cls), definition_text(cls))
+        assert type_hash(again) == type_hash(cls)
 
     run_bounded(use)
 
@@ -196,7 +196,7 @@ class Definitions(RuleBasedStateMachine):
 
     @rule(name=full_names, announced=individuals, texts=sources, is_service=st.booleans())
     def compile_announced_type(self, name: str, announced: Any, texts: Any, is_service: bool) -> None:
-        self._keep(run_bounded(lambda: compile_described(name, announced, texts, is_service=is_service)))
+        self._keep(run_bounded(lambda: DescribedType(name, announced, texts, is_service=is_service).load()))
 
     @precondition(lambda self: self.made)
     @rule(data=st.data(), change=st.tuples(st.integers(0, 200), st.text(max_size=3)))
@@ -206,9 +206,9 @@ class Definitions(RuleBasedStateMachine):
         if text is not None:
             place = change[0] % (len(text) + 1)
             self._keep(
-                run_bounded(lambda: compile_definition(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :]))
+                run_bounded(lambda: compile_definition(type_name(cls), text[:place] + change[1] + text[place + 1 :]))
             )
-        run_bounded(lambda: compile_described(cls._TYPE.name, individual_descriptions(type_description(cls)), {}))
+        run_bounded(lambda: DescribedType(type_name(cls), individual_descriptions(type_description(cls))).load())
 
 
 TestDefinitions = Definitions.TestCase
@@ -223,7 +223,7 @@ TestDefinitions.settings = settings(
 @pytest.mark.parametrize(("name", "text"), [("fuzz/srv/S", "int8 a\n---\n"), ("fuzz/action/C", "---\n---\nint8 a\n")])
 def test_decoder_factory_refuses_the_schema_of_a_service_or_action(name: str, text: str) -> None:
     schema: Any = SimpleNamespace(name=name, data=text.encode(), encoding="ros2msg")
-    with pytest.raises(DefinitionError, match="the schema is that of a service or action, expected that of a message"):
+    with pytest.raises(DefinitionError, match="the schema defines a service or action; expected a message"):
         DecoderFactory().decoder_for("cdr", schema)
 
 

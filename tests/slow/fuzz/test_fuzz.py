@@ -16,7 +16,7 @@ import pytest
 from decode_target import check_against, try_decode
 from support.bundled_interfaces import message, message_names, reference, vectors_by_type
 
-from rosidl_py_gen import EncodeError, Message, encode, from_dict, from_json, to_dict, validate
+from rosidl_py_gen import EncodeError, Message, encode, from_dict, from_json, to_dict, type_name, validate
 
 # Bytes of Python objects for one byte of input: an array of one element is an object of about 120 bytes, and a message
 # may consist of such arrays.
@@ -139,7 +139,7 @@ def check_memory(cls: type[Message], data: bytes) -> None:
             peak = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
-        assert peak <= FIXED_BYTES + BYTES_PER_BYTE * len(data), (cls._TYPE.name, len(data), peak, data[:64].hex())
+        assert peak <= FIXED_BYTES + BYTES_PER_BYTE * len(data), (type_name(cls), len(data), peak, data[:64].hex())
         del kept
 
 

@@ -190,7 +190,7 @@ def test_messages_of_another_type_on_the_topic_are_skipped(run_here: Any, tmp_pa
 def test_part_of_a_bag_is_selected_by_times(run_here: Any, tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", *[("/a", array_to_image(COLOR, "rgb8"))] * 10)
     part = "--start-offset", "0.3", "--duration", "0.2"
-    assert run_here("bag", "images", bag, "-o", str(tmp_path / "out"), *part)[0] == 0
+    assert run_here("bag", "images", bag, "--output", str(tmp_path / "out"), *part)[0] == 0
     assert files(tmp_path / "out") == ["a/0000000010.300000000.png", "a/0000000010.400000000.png"]
 
 

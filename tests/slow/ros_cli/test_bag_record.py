@@ -67,8 +67,8 @@ async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
     """Run a recorder that writes each message immediately, end it by SIGINT, and require exit code 0."""
     process = await tool.start("bag", "record", "-o", str(path), "--max-cache-size", "0", *options)
     yield process
-    ended = await tool.interrupt(process)
-    assert ended.code == 0, ended.err
+    process.ended = await tool.interrupt(process)
+    assert process.ended.code == 0, process.ended.err
 
 
 async def taken(node: Node, recorder: str = RECORDER) -> bool:
@@ -100,6 +100,8 @@ async def test_topic_first_published_by_humble_is_recorded_with_its_definition(
             await until(lambda warning=warning: warning in caplog.text)
         humble.publish_raw(of_humble(range=3.0).encode())
         await until(lambda: count_of(tmp_path / "bag") == 3)
+    assert "recorded 3 messages of 1 topic, " in process.ended.err
+    assert "\ndropped 2 messages of other definitions of their type\n" in process.ended.err
     with BagReader(tmp_path / "bag") as reader:
         topic = reader.topics["/range"]
         assert topic.type_hash == type_hash(of_humble) and "variance" not in topic.definition

@@ -22,7 +22,7 @@ from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagWriter, writer
 from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.tables import multi_bag as many
+from rosidl_py_gen.tables import multi_bag
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is output in them
 Imu: Any = get_message("sensor_msgs/msg/Imu")
@@ -156,7 +156,7 @@ def test_sql_refuses_statements_that_are_not_queries(run_here: Any, tmp_path: Pa
 
 @pytest.mark.slow
 def test_table_uses_local_worker_processes_without_scheduler(tmp_path: Path, monkeypatch: Any, run_here: Any) -> None:
-    monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
+    monkeypatch.setattr(multi_bag, "RANGE_BYTES", 20_000)
     monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 13)
     large = bag_datasets.bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
     good, out = bag_datasets.bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"

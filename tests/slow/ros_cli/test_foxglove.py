@@ -21,6 +21,7 @@ from support.browser import Browser, browser
 from support.docs_pictures import update_picture
 from support.folders import ROOT
 from support.foxglove_viewer import viewer
+from support.inner_state import scope_of
 from support.waiting import until
 from websockets.asyncio.client import connect
 
@@ -397,7 +398,7 @@ async def test_topics_with_invalid_names_are_reported_once_and_others_work(
     raw_endpoints.announce(node, "rt/plain", "Plain", "x")
     for service in ("2d", "a//b", "odd//node/list_parameters", "list_parameters"):
         raw_endpoints.announce(node, f"rr/{service}Reply", "std_srvs::srv::dds_::Trigger_Response_", "x")
-    node._scope.discovery.add_node("odd", "/2d//space")
+    scope_of(node).discovery.add_node("odd", "/2d//space")
     node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     node.declare_parameter("gain", 1.0)
     words = node.create_publisher(String, "words")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.foxglove_viewer import foxglove_options, served, viewer
+from support.inner_state import scope_of
 from support.waiting import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -518,7 +519,7 @@ def command_node_of(node: Node) -> CommandNode:
 
 async def test_topics_of_node_with_same_name_are_advertised_but_own_topics_are_not(memory: World) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
-    ours._scope.discovery.announce_delay_s = 5.0  # our endpoints are of no node yet
+    scope_of(ours).discovery.announce_delay_s = 5.0  # our endpoints are of no node yet
     async with served() as (server, _):
         topics = TopicBridge(command_node_of(ours), server, time_ns, paths=(), hidden=False)
         await asyncio.sleep(0)

@@ -17,6 +17,7 @@ import pytest
 from support.folders import ROOT, TESTS
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, started
+from support.waiting import wait_until
 
 pytestmark = [
     pytest.mark.real_time("launch files start processes"),
@@ -31,7 +32,7 @@ _END_S = 30.0
 """Maximum time between a signal and the end of all processes, of which one would sleep for 99 s."""
 
 TALKER = """
-import subprocess, sys
+import os, subprocess, sys
 import rclpy
 from std_msgs.msg import String
 
@@ -49,7 +50,7 @@ def talker():
 def plain():
     with rclpy.init():
         node = rclpy.create_node("talker")
-        timer = node.create_timer(0.01, lambda: (timer.cancel(), print("plain runs", flush=True)))
+        timer = node.create_timer(0.01, lambda: (timer.cancel(), print("plain runs", os.getpid(), flush=True)))
         rclpy.spin(node)
 
 def leave():
@@ -202,6 +203,10 @@ def test_a_signal_ends_all_processes(workspace: Path, tmp_path: Path, number: si
         assert "argv ['name:=eve'] noninteractive True debug False" in text
 
 
+def _sleeps(process: str) -> bool:
+    return subprocess.run(["ps", "-o", "stat=", "-p", process], capture_output=True, text=True).stdout.startswith("S")
+
+
 def test_ctrl_c_prints_no_frames_inside_rclpy(workspace: Path) -> None:
     command = [*LAUNCH, "robot", "plain.launch.py", *FROM]
     with subprocess.Popen(
@@ -210,7 +215,8 @@ def test_ctrl_c_prints_no_frames_inside_rclpy(workspace: Path) -> None:
         assert process.stdout is not None
         while "plain runs" not in (line := process.stdout.readline()):
             assert line
-        time.sleep(0.5)  # it has printed inside spin, and waits
+        node = line.split()[-1]
+        wait_until(lambda: _sleeps(node))  # it has printed inside a callback, and waits in spin
         process.send_signal(signal.SIGINT)
         text = process.stdout.read()
     assert "rclpy.spin(node)" in text and "\nKeyboardInterrupt\n" in text
@@ -267,6 +273,8 @@ ERRORS = {
     ("robo", "robot.launch.py"): 'no file and no package "robo"; did you mean "robot"?; searched the workspace, --path '
     "and AMENT_PREFIX_PATH",
     ("nowhere/x.launch.py",): "nowhere/x.launch.py: expected a launch file, no such file",
+    ("nowhere/x.launch.py", "a:=1", "b"): "nowhere/x.launch.py: expected a launch file, no such file",
+    ("robo", "a:=1", "b"): 'no file and no package "robo"; did you mean "robot"?; searched the workspace',
     ("src/robot/launch/",): "src/robot/launch/: expected a launch file, it is a folder",
     ("robot", "robot.launch.py", "name=x"): 'error: rosidl-py launch: expected NAME:=VALUE, found "name=x"\n',
     ("robot", "robot.launch.py", "--launch-prefix-filter", "x"): "--launch-prefix-filter requires --launch-prefix",

@@ -430,6 +430,6 @@ def test_real_rclpy_on_path_causes_one_line_warning(tmp_path: Path) -> None:
     }
     write(tmp_path, files)
     found = run(tmp_path / "program.py", PYTHONPATH=str(tmp_path / "real"))
-    assert found.stderr.startswith("warning: rclpy is that of rosidl-py-gen") and found.stderr.count("\n") == 1
+    assert found.stderr.startswith("warning: rclpy comes from rosidl-py-gen") and found.stderr.count("\n") == 1
     assert str(tmp_path / "real/rclpy") in found.stderr
     assert "rosidl_py_gen" in found.stdout and "String(data='')" in found.stdout

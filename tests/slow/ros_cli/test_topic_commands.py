@@ -70,7 +70,7 @@ def test_topic_info_describes_each_endpoint_like_ros2(topic_peer: tuple[str, str
     verbose = re.sub(r"GID: ([0-9a-f]{2}\.){15}[0-9a-f]{2}\n", "GID: ...\n", printed("info", "-v", "demo/words"))
     assert verbose.startswith(
         "Type: std_msgs/msg/String\n\nPublisher count: 1\n\nNode name: talker\nNode namespace: /demo\n"
-        f"Topic type: std_msgs/msg/String\nTopic type hash: {get_message(STRING)._TYPE.hash}\n"
+        f"Topic type: std_msgs/msg/String\nTopic type hash: {type_hash(get_message(STRING))}\n"
         "Endpoint type: PUBLISHER\nGID: ...\nQoS profile:\n  Reliability: RELIABLE\n  History (Depth): KEEP_LAST (7)\n"
         "  Durability: VOLATILE\n  Lifespan: Infinite\n  Deadline: Infinite\n  Liveliness: AUTOMATIC\n"
         "  Liveliness lease duration: Infinite\n\nSubscription count: 1\n\nNode name: talker\n"

@@ -17,11 +17,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
+from support.inner_state import graph_of, participant_of, scope_of
 from support.processes import python_process
 from support.waiting import until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import Context, Node, QoSProfile, WaitTimeoutError
+from rosidl_py_gen.runtime.node.context import core_of
 
 if TYPE_CHECKING:
     from support.worlds import World
@@ -133,7 +135,7 @@ async def test_closing_a_hundred_nodes_and_a_thousand_topics_frees_all_resources
         assert len(nodes[0].get_node_names()) == node_count
         for node in nodes:
             node.close()
-        await until(lambda: context._core.discovery.graph.topics() == [])
+        await until(lambda: core_of(context).discovery.graph.topics() == [])
     await until(lambda: are_resources_freed(before))
 
 
@@ -153,8 +155,8 @@ async def test_creating_and_closing_entities_repeatedly_leaks_no_resources(world
             endpoint.close()
 
     def topics() -> set[str]:
-        endpoints = peer._scope.graph.endpoints.values()
-        ours = {one.topic_key.name for one in endpoints if one.participant_guid == node.context._core.participant.guid}
+        endpoints = graph_of(peer).endpoints.values()
+        ours = {one.topic_key.name for one in endpoints if one.participant_guid == participant_of(node).guid}
         return {name for name in ours if not name.startswith("/n/")}
 
     def is_at_rest() -> bool:
@@ -166,7 +168,7 @@ async def test_creating_and_closing_entities_repeatedly_leaks_no_resources(world
     await until(is_at_rest)
     gc.collect()
     before, memory = resources(), rss_kb()
-    owned = list(node._scope.owned.values())
+    owned = list(scope_of(node).owned.values())
     for _ in range(times):
         once()
         await asyncio.sleep(0)
@@ -174,7 +176,7 @@ async def test_creating_and_closing_entities_repeatedly_leaks_no_resources(world
     gc.collect()
     await until(lambda: are_resources_freed(before))
     assert rss_kb() - memory < 10_000
-    assert list(node._scope.owned.values()) == owned
+    assert list(scope_of(node).owned.values()) == owned
 
 
 @pytest.mark.every_transport

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.inner_state import type_fields
 from support.processes import python_process
 
-from rosidl_py_gen import TypeNotFoundError, get_message
+from rosidl_py_gen import TypeNotFoundError, get_message, type_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -73,11 +74,11 @@ async def test_types_defined_only_in_another_process_are_resolved_and_used(netwo
     message = await node.create_subscription(note, "notes").receive(10)
     assert [(part.word, part.state) for part in message.parts] == [("a", 3), ("b", 9)]
     assert list(message.where) == [1.0, 2.0, 3.0]
-    header, part = (note._TYPE.fields[index].cls for index in (0, 1))
+    header, part = (type_fields(note)[index].cls for index in (0, 1))
     assert header is get_message("std_msgs/msg/Header")
 
     ask: Any = await node.resolve_service_type("ask", timeout_s=10)
-    assert ask._TYPE.name == "robot_only_msgs/srv/Ask" and ask.Request._TYPE.fields[0].cls is part
+    assert type_name(ask) == "robot_only_msgs/srv/Ask" and type_fields(ask.Request)[0].cls is part
     client = node.create_client(ask, "ask")
     response = await client.call(ask.Request(part=part(word="hey")), timeout_s=10)
     assert response.words == ["hey", "hey"]  # twice is a default of the definition

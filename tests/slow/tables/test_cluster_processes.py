@@ -29,8 +29,7 @@ from werkzeug.serving import make_server
 
 from rosidl_py_gen import ExtraMissingError
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
-from rosidl_py_gen.tables import bag_tasks, write_datasets
-from rosidl_py_gen.tables import multi_bag as many
+from rosidl_py_gen.tables import bag_tasks, multi_bag, write_datasets
 
 BAGS = 60
 EACH = 20
@@ -121,7 +120,7 @@ def test_bag_that_ends_its_process_fails_alone_and_the_next_run_writes_it(
 ) -> None:
     bags = [bag_of(tmp_path / f"{name}.mcap", 1) for name in "abc"]
     with monkeypatch.context() as patch:
-        patch.setattr(many, "run_task", run_or_die)
+        patch.setattr(multi_bag, "run_task", run_or_die)
         report = write_datasets(bags, tmp_path / "out", workers=2)
     assert list(report.failed) == [str(bags[1])] and "ended unexpectedly, twice" in report.failed[str(bags[1])]
     assert sorted(report.files) == ["a", "c"] and rows(tmp_path / "out") == [("a", 1), ("c", 1)]
@@ -148,8 +147,8 @@ def test_runs_in_threads_report_their_own_bags(tmp_path: Path) -> None:
 
 def test_daemonic_process_uses_itself_or_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = bag_of(tmp_path / "a.mcap", 1)
-    monkeypatch.setattr(many, "PROCESSES_BYTES", 0)
-    monkeypatch.setattr(many, "RANGE_BYTES", 1)
+    monkeypatch.setattr(multi_bag, "PROCESSES_BYTES", 0)
+    monkeypatch.setattr(multi_bag, "RANGE_BYTES", 1)
     monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)  # type: ignore[attr-defined]
     with pytest.raises(BagError, match="workers=2: this is a daemonic process"):
         write_datasets([bag], tmp_path / "out", workers=2)
@@ -207,13 +206,13 @@ def test_memory_file_system_of_this_process_is_refused_with_workers_or_scheduler
 
 def test_processes_are_started_only_for_several_large_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
-    monkeypatch.setattr(many, "local_processes", started.append)
-    size = many.PROCESSES_BYTES
-    many.select_runner(None, None, [size, size])
+    monkeypatch.setattr(multi_bag, "local_processes", started.append)
+    size = multi_bag.PROCESSES_BYTES
+    multi_bag.select_runner(None, None, [size, size])
     assert started == [min(os.cpu_count() or 1, 2)]
     for workers, sizes in ((None, [100] * 50), (1, [size] * 9), (None, []), (2, []), (None, [size])):
-        with many.select_runner(None, workers, sizes) as run:
-            assert run is many.one_by_one
+        with multi_bag.select_runner(None, workers, sizes) as run:
+            assert run is multi_bag.one_by_one
     assert len(started) == 1
 
 

@@ -17,8 +17,7 @@ from std_msgs.msg import Int64, String
 from support.bag_datasets import bag_of, rows, said
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, writer
-from rosidl_py_gen.tables import bag_tasks, write_dataset, write_datasets
-from rosidl_py_gen.tables import multi_bag as many
+from rosidl_py_gen.tables import bag_tasks, multi_bag, write_dataset, write_datasets
 from rosidl_py_gen.tables.bag_tasks import run_task
 from rosidl_py_gen.tables.multi_bag import names_of
 from rosidl_py_gen.tables.query import Database, find_sources
@@ -105,7 +104,7 @@ def test_internal_error_for_one_bag_does_not_stop_the_others(tmp_path: Path, mon
 def test_large_bag_is_split_into_tasks_with_each_message_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
-    monkeypatch.setattr(many, "RANGE_BYTES", 2000)
+    monkeypatch.setattr(multi_bag, "RANGE_BYTES", 2000)
     monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 12)
     numbers = [*range(3000)]
     bag = bag_of(tmp_path / "a.mcap", *numbers, compression=compression)
@@ -124,7 +123,7 @@ def test_large_bag_is_split_into_tasks_with_each_message_once(
 
 
 def test_overlapping_chunks_are_split_by_time_without_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "RANGE_BYTES", 2000)
+    monkeypatch.setattr(multi_bag, "RANGE_BYTES", 2000)
     monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 12)
     with BagWriter(tmp_path / "a.mcap") as made:
         for number in range(2000):
@@ -194,7 +193,7 @@ def test_a_file_without_a_valid_record_is_not_replaced(tmp_path: Path, damage: s
 
 
 def test_a_part_without_messages_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "RANGE_BYTES", 2000)
+    monkeypatch.setattr(multi_bag, "RANGE_BYTES", 2000)
     monkeypatch.setattr(writer, "CHUNK_BYTES", 1 << 12)
     bag, out = bag_of(tmp_path / "a.mcap", *range(3000), text="x"), tmp_path / "out"
     assert len(write_datasets([bag], out, topics=["/s"]).files["a"]) == 1
@@ -317,7 +316,7 @@ def test_task_that_runs_twice_writes_its_rows_once(tmp_path: Path, monkeypatch: 
         found[:] = [run_task(task, **options) for _ in range(2)]
         return found[0]
 
-    monkeypatch.setattr(many, "run_task", run_twice)
+    monkeypatch.setattr(multi_bag, "run_task", run_twice)
     write_datasets([bag], out)
     assert [one.error for one in found] == ["", ""] and found[0].files == found[1].files
     assert rows(out) == [("a", 1), ("a", 2)]

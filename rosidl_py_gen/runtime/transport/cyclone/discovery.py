@@ -35,7 +35,7 @@ _MAX_LOST_HANDLES = 4096
 in a queue."""
 _ALIVE = 16
 _UNREAD = 2 | 4 | 8 | _ALIVE
-"""State mask that selects samples of alive instances that were not read yet, whatever their view state."""
+"""State mask that selects samples of alive instances that were not read yet, with any view state."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """Unpack instance_state, valid_data and instance_handle from a dds_sample_info_t (64 bytes)."""
 _BUILTIN_PREFIX = "DCPS"

@@ -8,9 +8,9 @@ hold the GIL in write and take, and are never deleted if they are part of a refe
 
 `cyclone_xml` makes the configuration as XML text from the settings of a context.
 
-`find` uses and loads once the first candidate that loads and has all of `REQUIRED_SYMBOLS`. If the process loads
-another libddsc, each library has its own symbols; participants of the two libraries do not discover each other in the
-process.
+`find_library` uses and loads once the first candidate that loads and has all of `REQUIRED_SYMBOLS`. If the process
+loads another libddsc, each library has its own symbols; participants of the two libraries do not discover each other in
+the process.
 
 Source: docs/internals/dds.md 7, docs/internals/protocol.md 10.6, 11.6.
 """
@@ -395,7 +395,7 @@ def _discovery(peers: tuple[str, ...]) -> str:
 
 # --------------------------------------------------------------------------------------------------------------- search
 
-VARIABLE = "ROSIDL_LIBDDSC"
+LIBRARY_VARIABLE = "ROSIDL_LIBDDSC"
 _PATTERN = {"win32": "ddsc*.dll", "darwin": "libddsc*.dylib"}.get(sys.platform, "libddsc*.so*")
 _NAMES = {"win32": ("ddsc.dll",), "darwin": ("libddsc.dylib",)}.get(
     sys.platform, ("libddsc.so.11", "libddsc.so.0", "libddsc.so.0debian", "libddsc.so")
@@ -520,7 +520,7 @@ class DdscLibrary:
         return missing
 
 
-def find() -> DdscLibrary:
+def find_library() -> DdscLibrary:
     """Return the libddsc of this process; the first call searches and loads it.
 
     Raises:
@@ -566,9 +566,9 @@ def load(environ: Mapping[str, str]) -> DdscLibrary | str:
         tried.append(f"{name}: {'it is not a libddsc' if 'dds_create_participant' in missing else reason}")
     if without_security is not None:
         return without_security
-    is_set = environ.get(VARIABLE)
-    only = f" {VARIABLE} is set, so nothing else was tried." if is_set else ""
-    fix = f"Correct {VARIABLE}, or unset it" if is_set else f"To install it: {install_advice()}"
+    is_set = environ.get(LIBRARY_VARIABLE)
+    only = f" {LIBRARY_VARIABLE} is set, so nothing else was tried." if is_set else ""
+    fix = f"Correct {LIBRARY_VARIABLE}, or unset it" if is_set else f"To install it: {install_advice()}"
     return (
         f"DDS needs the C library of Cyclone DDS, libddsc, and none was found.{only} MemoryTransport works without it. "
         f"Tried: {'; '.join(tried)}. {fix}"
@@ -577,8 +577,8 @@ def load(environ: Mapping[str, str]) -> DdscLibrary | str:
 
 def candidates(environ: Mapping[str, str]) -> Iterator[str]:
     """Yield paths of libddsc, and names for the system's loader, in the order in which they are tried."""
-    if environ.get(VARIABLE):
-        yield environ[VARIABLE]
+    if environ.get(LIBRARY_VARIABLE):
+        yield environ[LIBRARY_VARIABLE]
         return
     for package, folders in _WHEELS.items():
         spec = find_spec(package)
@@ -643,10 +643,10 @@ def security_advice() -> str:
     """Return advice for people on how to get a libddsc with DDS Security on this system."""
     if sys.platform == "linux":
         return (
-            f"use a libddsc with security: {_DEBIAN}, then {VARIABLE}=libddsc.so.0debian; or source a ROS installation "
-            f"with rmw_cyclonedds; or name another one in {VARIABLE}"
+            f"use a libddsc with security: {_DEBIAN}, then {LIBRARY_VARIABLE}=libddsc.so.0debian; or source a ROS "
+            f"installation with rmw_cyclonedds; or name another one in {LIBRARY_VARIABLE}"
         )
-    return f"build Cyclone DDS with OpenSSL (ENABLE_SECURITY), and name its library in {VARIABLE}"
+    return f"build Cyclone DDS with OpenSSL (ENABLE_SECURITY), and name its library in {LIBRARY_VARIABLE}"
 
 
 def install_advice() -> str:
@@ -655,7 +655,7 @@ def install_advice() -> str:
         return install_command("node")
     if library_wheel() is not None:
         return LIBRARY_COMMAND
-    name_one = f"name a libddsc in {VARIABLE}"
+    name_one = f"name a libddsc in {LIBRARY_VARIABLE}"
     if sys.platform != "linux":
         return f"build Cyclone DDS for this platform, which has no wheel of it, and {name_one}"
     if not _has_glibc():

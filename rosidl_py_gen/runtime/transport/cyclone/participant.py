@@ -63,7 +63,7 @@ from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effecti
 
 _MAX_IDLE_TOPICS = 256
 
-LIBRARY = library.find()
+LIBRARY = library.find_library()
 API = library.CycloneApi(LIBRARY.handle)
 """Functions of the loaded library."""
 FAST_DDS_SUPPORT = FastDdsSupport(API, LIBRARY.unsupported_elements)
@@ -432,6 +432,7 @@ class CycloneParticipant:
 
     def detach_after_fork(self) -> None:
         self._closed = True
+        self.fast_dds.forget()
         Domain.detach_after_fork()
 
     def close(self) -> None:

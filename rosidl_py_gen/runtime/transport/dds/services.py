@@ -139,7 +139,7 @@ class DdsClient(_EndpointPair):
         self._lost: deque[int] = deque()
         cache = self._index, self._topic_keys
         self._servers: MatchCache[ServerAvailability] = MatchCache(
-            *cache, self._find_servers, lambda servers: servers.is_available and servers.is_complete
+            *cache, self._find_servers, lambda servers: servers.is_available and servers.is_matching_complete
         )
         """Cache of the availability of servers, by the reason why Fast DDS servers cannot be used."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(*cache, self._find_server_endpoints)
@@ -239,7 +239,7 @@ class DdsClient(_EndpointPair):
         if readers <= {*matched} and {*known_writers} <= {*matched_writers}:
             return servers, readers, needs_identity
         # Cyclone matches an endpoint some time after its discovery. A server on Fast DDS changes the form of requests.
-        return replace(servers, is_complete=False), readers, needs_identity
+        return replace(servers, is_matching_complete=False), readers, needs_identity
 
     def close(self) -> None:
         self._close_caches(self._servers, self._server_endpoints)

@@ -16,7 +16,7 @@ hash is the endpoint's GID. So own texts are canonical, and texts of peers are h
 Graph of a domain, made from tokens and reported as discovery events: a session is a participant, and a client or server
 is two endpoints. A node exists while its own token or one of its endpoints' tokens exists. Tokens arrive repeatedly and
 in any order; a token is identified by its whole text. Endpoints of the own session are added immediately by their
-creator. Endpoints with the same key match, whatever their QoS.
+creator. Endpoints with the same key match, also with different QoS.
 
 Source: docs/internals/zenoh.md 2, 3, 4.2 to 4.4, 8 and 9 (liveliness_utils.cpp, qos.cpp and attachment_helpers.cpp).
 """
@@ -116,7 +116,7 @@ def unpack_attachment(data: bytes) -> tuple[int, int, bytes]:
     """
     if len(data) != ATTACHMENT_BYTES:
         legacy = (
-            "; that of rmw_zenoh_cpp before Jazzy's 0.2.4: update the peer"
+            "; rmw_zenoh_cpp before Jazzy's 0.2.4 sends this form: update the peer"
             if len(data) == _LEGACY_ATTACHMENT_BYTES
             else ""
         )

@@ -21,7 +21,7 @@ from each_case import each_case
 from support.interface_packages import assert_clean, importable, message, run, source_of, write
 from support.rclpy_messages import hooked, rclpy_class
 
-from rosidl_py_gen import decode, encode, from_dict, to_dict
+from rosidl_py_gen import decode, encode, from_dict, to_dict, type_name
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.errors import DefinitionError
 
@@ -177,7 +177,7 @@ def test_generated_code_is_formatted_and_clean(generated: Path) -> None:
 def test_message_named_like_python_or_support_code_round_trips(generated: Path, package: str, name: str) -> None:
     cls = getattr(importlib.import_module(f"{package}.msg"), py_name(name))
     value = cls(x=1.5, text=["a"], raw=[1, 2, 3, 4])
-    assert cls._TYPE.name == f"{package}/msg/{name}"
+    assert type_name(cls) == f"{package}/msg/{name}"
     assert decode(cls, encode(value)) == value
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from fibonacci_action import Fibonacci
 from support import raw_endpoints
+from support.inner_state import graph_of, scope_of
 from support.raw_endpoints import reply_name, request_name
 from support.waiting import until
 from support.worlds import World
@@ -104,8 +105,8 @@ async def test_result_request_for_unknown_goal_returns_unknown_and_default_resul
 def test_action_topic_names_types_and_qos_match_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)
-    node._scope.discovery.refresh()
-    endpoints = [e for e in node._scope.graph.endpoints.values() if "/_action/" in e.wire_name]
+    scope_of(node).discovery.refresh()
+    endpoints = [e for e in graph_of(node).endpoints.values() if "/_action/" in e.wire_name]
     profiles = {
         (e.topic_key, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth)
         for e in endpoints

@@ -24,6 +24,7 @@ from fibonacci_action import (
     served_in_thread,
     until_canceled,
 )
+from support.inner_state import graph_of, scope_of, servers_of, transport_end_of
 from support.waiting import run, until
 from support.worlds import World, entity
 
@@ -96,7 +97,7 @@ async def test_feedback_readiness_timeout_is_counted_for_each_client(
     loop, clients, connected_subscriptions = asyncio.get_running_loop(), [b"a"], list[bytes]()
     goals = SimpleNamespace(matched_clients=lambda: [*clients])
     ends: Any = goals, SimpleNamespace(matched_subscriptions=lambda: [*connected_subscriptions])
-    readiness, began = FeedbackReadiness(memory.node("server")._scope, *ends), loop.time()
+    readiness, began = FeedbackReadiness(scope_of(memory.node("server")), *ends), loop.time()
     loop.call_later(1.0, clients.append, b"b")
     loop.call_later(1.2, connected_subscriptions.append, b"a")
     loop.call_later(2.5, connected_subscriptions.append, b"b")
@@ -144,7 +145,7 @@ async def test_goal_is_not_sent_until_all_server_endpoints_are_connected(world: 
 @pytest.mark.every_transport
 async def test_unknown_reply_from_another_server_is_ignored(world: World) -> None:
     async def execute(handle: Any) -> Any:
-        await until(lambda: bool(asked) and second_server._transport_server.all_acknowledged())  # UNKNOWN has arrived
+        await until(lambda: bool(asked) and transport_end_of(second_server).all_acknowledged())  # UNKNOWN has arrived
         return result(5)
 
     _, client = await pair(world, execute)
@@ -155,7 +156,7 @@ async def test_unknown_reply_from_another_server_is_ignored(world: World) -> Non
         return Fibonacci.GetResult.Response()
 
     second_server = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
-    await until(lambda: len(result_client(client)._servers()) == 2)
+    await until(lambda: len(servers_of(result_client(client))) == 2)
     handle = await client.send_goal(goal(), timeout_s=20)
     status, got = await handle.result(timeout_s=20)
     assert (status, list(got.sequence), len(asked)) == (S.SUCCEEDED, [5], 1)
@@ -252,8 +253,8 @@ def test_invalid_action_arguments_raise_and_create_no_endpoint(
     make: Any = node.create_action_client if is_of_client else node.create_action_server
     with pytest.raises(error, match=words):
         make(Fibonacci, "fib", **options if is_of_client else {"execute": fibonacci, **options})
-    node._scope.discovery.refresh()
-    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.topic_key.name]
+    scope_of(node).discovery.refresh()
+    assert not [e for e in graph_of(node).endpoints.values() if "_action/" in e.topic_key.name]
 
 
 @pytest.mark.parametrize(
@@ -310,7 +311,7 @@ def test_memory_does_not_grow_after_a_thousand_goals(world: World) -> None:
         clock.enable_ros_time_override()  # no result expires before the test requests it
         ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
         request = Fibonacci.GetResult.Request()
-        scopes = server._scope, client._scope
+        scopes = scope_of(server), scope_of(client)
 
         async def some(count: int) -> None:
             for number in range(count):
@@ -345,7 +346,7 @@ def test_no_task_is_pending_after_sync_action_client_closes(world: World, caplog
         handle = client.send_goal_sync(goal(), timeout_s=20)
         with pytest.raises(ActionTimeoutError):
             handle.result_sync(timeout_s=0.05)
-        assert len(node._scope.tasks) == 0 and not handle.is_done
+        assert len(scope_of(node).tasks) == 0 and not handle.is_done
         node.close()
         node.context.close()
         assert handle.is_done
@@ -362,8 +363,8 @@ async def test_result_requests_respect_the_queue_depth_of_the_server(
 
     _, client = await pair(world, until_canceled)
     requests = result_client(client)
-    servers = requests._transport_client.servers
-    monkeypatch.setattr(requests._transport_client, "servers", lambda: replace(servers(), request_queue_depth=3))
+    servers = transport_end_of(requests).servers
+    monkeypatch.setattr(transport_end_of(requests), "servers", lambda: replace(servers(), request_queue_depth=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))

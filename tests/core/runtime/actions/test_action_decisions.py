@@ -19,6 +19,7 @@ from rosidl_py_gen.runtime import (
     GoalStatus,
     GoalTransitionError,
 )
+from rosidl_py_gen.runtime.actions.server_goal import record_of
 
 S = GoalStatus
 
@@ -150,7 +151,7 @@ async def test_started_reports_when_queued_stream_goals_start(world: World) -> N
     first, second, third = [(await take(requests)).accept() for _ in sent]
     handles = [await one for one in sent]
     assert await first.started()
-    assert (second.status, second._record.has_started) == (S.ACCEPTED, False)
+    assert (second.status, record_of(second).has_started) == (S.ACCEPTED, False)
     with pytest.raises(GoalTransitionError):
         second.succeed(result(1))
     starts = [asyncio.ensure_future(one.started()) for one in (second, third)]

@@ -10,19 +10,21 @@ import pytest
 from fibonacci_action import Fibonacci, goal, pair, result, statuses_of
 from hypothesis import given
 from hypothesis import strategies as st
+from support.inner_state import parts_of, transport_end_of
 from support.waiting import take, until
 from support.worlds import World
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatus, GoalStatusArray
+from rosidl_py_gen.runtime import ServiceServer
 from rosidl_py_gen.runtime.actions.states import GoalStatus as S
 from rosidl_py_gen.runtime.actions.states import StatusArray, find_status
 
 
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
     written: list[str] = []
-    for owner in server._parts.owned.values():
+    for owner in parts_of(server):
         name = str(getattr(owner, "topic", None) or getattr(owner, "name", "")).rpartition("/")[2]
-        of, function = (owner._transport_server, "send") if hasattr(owner, "_transport_server") else (owner, "_write")
+        of, function = (transport_end_of(owner), "send") if isinstance(owner, ServiceServer) else (owner, "_write")
         if not hasattr(of, function):
             continue
 

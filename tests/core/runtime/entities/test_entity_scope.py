@@ -8,6 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.inner_state import participant_of, scope_of
 from support.worlds import World
 
 from rosidl_py_gen import get_action, get_message
@@ -47,7 +48,7 @@ def in_thread(function: Callable[[], object]) -> None:
 @pytest.mark.parametrize("name", COMPOSITES)
 async def test_closing_composite_entity_closes_all_its_endpoints(world: World, name: str, call: Any) -> None:
     node = world.node("n")
-    scope = node._scope
+    scope = scope_of(node)
     owned, endpoints = list(scope.owned.values()), scope.discovery.endpoints_of(scope.number)
     composite = COMPOSITES[name](node)
     assert scope.discovery.endpoints_of(scope.number) - endpoints
@@ -66,7 +67,7 @@ def test_closing_node_announces_its_end_in_one_message(
     composites = [make(node) for make in COMPOSITES.values()]
     if closed_first:
         composites[0].close()
-    participant, announced = node.context._core.participant, []
+    participant, announced = participant_of(node), []
     monkeypatch.setattr(participant, "announce", lambda nodes: announced.append(len(nodes)))
     node.close()
     assert announced == [0]
@@ -76,7 +77,7 @@ def test_entity_creation_during_node_close_raises_and_leaves_no_endpoints(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node, other = memory.node("n"), memory.node("other")
-    participant, create, made = node.context._core.participant, node.context._core.participant.create_client, []
+    participant, create, made = participant_of(node), participant_of(node).create_client, []
 
     def create_client(*arguments: Any, **options: Any) -> Any:
         made.append(create(*arguments, **options))
@@ -87,7 +88,7 @@ def test_entity_creation_during_node_close_raises_and_leaves_no_endpoints(
     monkeypatch.setattr(participant, "create_client", create_client)
     with pytest.raises(ClosedError, match=r"^node /n is closed$"):
         node.create_action_client(Fibonacci, "fib")
-    assert not node._scope.owned
+    assert not scope_of(node).owned
     assert other.count_subscribers("/fib/_action/feedback") == other.count_clients("/fib/_action/get_result") == 0
 
 

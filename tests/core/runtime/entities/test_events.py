@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.inner_state import participant_of, reader_of
 from support.waiting import until
 
 from rosidl_py_gen import get_message
@@ -111,7 +112,7 @@ async def test_incompatible_qos_events_name_the_policy_on_both_sides(
     for status in (*subscription_events, *publisher_events):
         assert (status.total_count, status.total_count_change, status.last_policy_kind) == (1, 1, kind)
     if world.kind == "dds":  # as Cyclone itself sees it
-        participant, reader = subscription._scope.participant, subscription._reader
+        participant, reader = participant_of(subscription), reader_of(subscription)
         found = (ctypes.c_uint32 * 8)()
         read = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int32, ctypes.c_void_p)(
             ("dds_get_requested_incompatible_qos_status", participant.api.library)
@@ -154,7 +155,7 @@ async def test_matched_events_report_endpoints_replaced_between_two_polls(dds: W
     )
     publisher = alice.create_publisher(String, "t", event_callbacks=PublisherEventCallbacks(matched=sent.append))
     await until(lambda: bool(received and sent))
-    reader: Any = subscription._reader
+    reader: Any = reader_of(subscription)
 
     def wait_without_polling(total: int, count: int) -> None:
         while reader.event_counts("matched")[0] < total or len(reader.matched_writers()) != count:
@@ -239,7 +240,7 @@ async def test_message_lost_events_follow_the_counter_of_dds(dds: World, monkeyp
     lost: list[CountStatus] = []
     callbacks = SubscriptionEventCallbacks(message_lost=lost.append)
     subscription = node.create_subscription(String, "t", event_callbacks=callbacks)
-    reader: Any = subscription._reader
+    reader: Any = reader_of(subscription)
     assert reader.event_counts("message_lost") == (0,)
     counts = iter([(0,), (3,), (3,), (5,)])
     monkeypatch.setattr(type(reader), "event_counts", lambda self, event: next(counts, (5,)))

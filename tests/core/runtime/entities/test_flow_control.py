@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from example_interfaces.srv import AddTwoInts
+from support.inner_state import transport_end_of
 from support.waiting import until
 
 from rosidl_py_gen.runtime.entities import services
@@ -156,7 +157,7 @@ async def test_request_queue_of_server_is_shared_between_client_nodes(
     clients = [node.create_client(AddTwoInts, "add") for node in (*nodes, nodes[0])]
     for client in clients:
         assert await client.wait_for_service(timeout_s=20)
-    depths = lambda: [c.service_is_available() and c._transport_client.servers().request_queue_depth for c in clients]  # noqa: E731
+    depths = lambda: [c.service_is_available() and transport_end_of(c).servers().request_queue_depth for c in clients]  # noqa: E731
     await until(lambda: depths() == [3] * 4)
     nodes[2].close()
     del clients[2:]

@@ -13,6 +13,7 @@ from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from support.folders import ROOT
 from support.generated_packages import GENERATED
+from support.inner_state import servers_of, transport_end_of
 from support.processes import python_process
 from support.waiting import until
 
@@ -81,7 +82,7 @@ async def test_pending_calls_raise_server_lost_error_when_server_closes(world: W
 async def test_pending_call_fails_although_a_new_server_replaced_the_lost_one(world: World) -> None:
     server, client, (call,) = await asked(world)
     world.node("next").create_service(AddTwoInts, "add", add)
-    await until(lambda: len(client._servers()) == 2)
+    await until(lambda: len(servers_of(client)) == 2)
     assert not call.done()
     server.close()
     with pytest.raises(ServerLostError, match=_LOST):
@@ -93,11 +94,11 @@ async def test_pending_call_fails_although_a_new_server_replaced_the_lost_one(wo
 async def test_call_stays_pending_while_one_of_its_servers_remains(world: World) -> None:
     first, second = (world.node(name).create_service(AddTwoInts, "add") for name in ("first", "second"))
     client = world.node("caller").create_client(AddTwoInts, "add")
-    await until(lambda: len(client._servers()) == 2)
+    await until(lambda: len(servers_of(client)) == 2)
     call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
     request = await asyncio.wait_for(anext(second), 20)
     first.close()
-    await until(lambda: len(client._servers()) == 1)
+    await until(lambda: len(servers_of(client)) == 1)
     assert not call.done()
     request.respond(Response(sum=3))
     assert (await asyncio.wait_for(call, 20)).sum == 3
@@ -110,7 +111,7 @@ async def test_reply_sent_before_server_closed_is_received(world: World) -> None
     for number in range(10):
         call = asyncio.ensure_future(client.call(Request(a=number), timeout_s=20))
         (await asyncio.wait_for(anext(server), 20)).respond(Response(sum=number))
-        await until(server._transport_server.all_acknowledged)
+        await until(transport_end_of(server).all_acknowledged)
         if number == 9:
             server.close()
         assert (await call).sum == number
@@ -132,13 +133,13 @@ async def test_requests_waiting_in_the_window_go_to_the_next_server(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, client, (call,) = await asked(memory)
-    servers = client._transport_client.servers
-    monkeypatch.setattr(client._transport_client, "servers", lambda: replace(servers(), request_queue_depth=1))
+    servers = transport_end_of(client).servers
+    monkeypatch.setattr(transport_end_of(client), "servers", lambda: replace(servers(), request_queue_depth=1))
     second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
     third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))
     await until(lambda: client.in_flight_count == 3)
     memory.node("next").create_service(AddTwoInts, "add", add)
-    await until(lambda: len(client._transport_client.server_endpoints()) == 4)
+    await until(lambda: len(transport_end_of(client).server_endpoints()) == 4)
     server.close()
     for lost in (call, second):
         with pytest.raises(ServerLostError, match=_LOST):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.announced_types import humble_node, without_hash
+from support.inner_state import graph_of, participant_of, reader_of
 from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash, type_loading
@@ -81,8 +82,8 @@ async def test_message_of_lyrical_definition_is_dropped_and_logged(
     await until(lambda: bool(warnings_of_bob()))  # as soon as the name of the node is known
     (warning,) = warnings_of_bob()
     assert warning == (
-        f"{start}Event differ: {type_hash(LyricalEvent)} and {type_hash(Event)}. The definition of node /alice is that "
-        'of ROS 2 lyrical: set ROS_DISTRO=lyrical, or pass distro="lyrical" to get_message'
+        f"{start}Event differ: {type_hash(LyricalEvent)} and {type_hash(Event)}. The definition of node /alice belongs "
+        'to ROS 2 lyrical: set ROS_DISTRO=lyrical, or pass distro="lyrical" to get_message'
     )
 
 
@@ -102,7 +103,7 @@ async def test_every_way_to_receive_skips_messages_of_another_definition(memory:
         await until(lambda: subscription.incompatible_dropped == 1)
         assert received == [expected]
         return
-    await until(lambda: len(subscription._items) == 2)
+    await until(lambda: len(reader_of(subscription).queue.items) == 2)
     got = {"latest": subscription.latest, "take": subscription.take}.get(form, lambda: None)()
     got = await subscription.receive(5) if got is None else got
     assert got == {"dict": to_dict(expected), "raw": expected.encode()}.get(form, expected)
@@ -119,7 +120,7 @@ async def test_warning_for_type_containing_a_changed_type_names_its_distribution
     publisher.publish(theirs(all=[HumbleRange(range=1.0), HumbleRange(range=2.0)], number=7))
     with pytest.raises(WaitTimeoutError, match=r"node /alice has another definition of .*; dropped 1 message"):
         await subscription.receive(0.1)
-    await until(lambda: f"The definition of node /alice is that of ROS 2 humble: {HUMBLE_ADVICE}" in caplog.text)
+    await until(lambda: f"The definition of node /alice belongs to ROS 2 humble: {HUMBLE_ADVICE}" in caplog.text)
 
 
 @pytest.mark.parametrize(("mode", "is_received"), [("error", False), ("warn", False), ("off", True)])
@@ -151,7 +152,7 @@ async def test_warning_between_nodes_of_one_context_states_that_messages_are_dro
     publisher.publish(Range())
     await until(lambda: "no messages on /t from node /node to node /node" in caplog.text)
     assert (subscription.take(), subscription.incompatible_dropped) == (None, 1)
-    assert "The definition of node /node is that of ROS 2" in caplog.text
+    assert "The definition of node /node belongs to ROS 2" in caplog.text
 
 
 @pytest.mark.every_transport
@@ -183,8 +184,8 @@ def test_messages_between_all_pairs_of_distributions_are_dropped_and_named(
     subscription, publisher = bob.create_subscription(ours, "t"), alice.create_publisher(theirs, "t")
     publisher.publish(theirs())
     assert (subscription.take(), subscription.incompatible_dropped, subscription.undecodable) == (None, 1, 0)
-    distros = type_loading.distributions_with(name, our_hash, their_hash)
-    assert " ".join(distros) == HASHES[name][their_hash]
+    variants = type_loading.DistributionVariants.find(name, our_hash)
+    assert variants is not None and " ".join(variants.with_hash(their_hash)) == HASHES[name][their_hash]
 
 
 # --- writers without hash ---------------------------------------------------------------------------------------------
@@ -211,7 +212,7 @@ async def test_definition_of_writer_without_hash_is_detected_by_sample_size(
     assert (record.name, record.levelname) == ("bob", "WARNING")
     assert record.message == (
         "messages on /range from node /alice are dropped: it announces no type hash, and its messages do not fit the "
-        f"definition of sensor_msgs/msg/Range in use here, but that of humble; {HUMBLE_ADVICE}"
+        f"definition of sensor_msgs/msg/Range in use here, but the definition of humble; {HUMBLE_ADVICE}"
     )
 
 
@@ -280,7 +281,7 @@ async def test_humble_writer_with_same_definition_is_examined_only_once(
     await bob.wait_for_node("alice", 10)
     publisher.publish_raw(Event(timestamp=1).encode())
     assert (await subscription.receive(20)).timestamp == 1
-    monkeypatch.setattr(type(bob._scope.graph), "is_humble", lambda *_: pytest.fail("examined again"))
+    monkeypatch.setattr(type(graph_of(bob)), "is_humble", lambda *_: pytest.fail("examined again"))
     publisher.publish_raw(Event(timestamp=2).encode())
     assert (await subscription.receive(20)).timestamp == 2
 
@@ -289,15 +290,15 @@ async def test_ros_participant_without_node_names_is_treated_as_humble(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alice, bob = memory.pair()
-    monkeypatch.setattr(bob._scope.graph, "is_humble", lambda guid: None)
+    monkeypatch.setattr(graph_of(bob), "is_humble", lambda guid: None)
     events, ranges = bob.create_subscription(LyricalEvent, "events"), bob.create_subscription(Range, "ranges")
     event = alice.create_publisher(without_hash(Event), "events")
     distance = alice.create_publisher(without_hash(Range), "ranges")
     assert await event.wait_for_subscribers(20) and await distance.wait_for_subscribers(5)
     for is_ros in (True, False):
-        monkeypatch.setattr(bob._scope.graph, "is_ros", lambda guid, is_ros=is_ros: is_ros)
+        monkeypatch.setattr(graph_of(bob), "is_ros", lambda guid, is_ros=is_ros: is_ros)
         event.publish_raw(Event(timestamp=1).encode())
-        await until(lambda: len(events._items) == 1)
+        await until(lambda: len(reader_of(events).queue.items) == 1)
         # All that is known of a program without ROS is the size.
         assert (events.take() is None) is is_ros
         distance.publish_raw(Range(range=2.0).encode())
@@ -313,8 +314,8 @@ async def test_new_definition_published_by_humble_node_is_dropped(memory: World)
     publisher = peer.create_publisher(hashless, "played")
     await publisher.wait_for_subscribers(10)
     await until(lambda: subscription.publisher_count == 1)
-    for participant in reader._scope.graph.participants():
-        reader._scope.participant.endpoint_index.apply([NodesAnnounced(participant.guid, (), is_humble=True)])
+    for participant in graph_of(reader).participants():
+        participant_of(reader).endpoint_index.apply([NodesAnnounced(participant.guid, (), is_humble=True)])
     publisher.publish(hashless(range=1.0, variance=9.0))
     with pytest.raises(WaitTimeoutError, match="announces no type hash, and it is of ROS 2 Humble"):
         await subscription.receive(timeout_s=0.5)
@@ -327,7 +328,7 @@ async def test_unreadable_definitions_of_other_distributions_are_logged(
     def fail(*_: object) -> None:
         raise DefinitionError.__new__(DefinitionError)
 
-    monkeypatch.setattr(type_loading, "other_hashes", fail)
+    monkeypatch.setattr(type_loading, "DistributionVariants", fail)
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
@@ -353,7 +354,7 @@ async def test_client_does_not_call_server_of_another_definition(
     with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
         await client.call(ours.Request(), 0.3)
     assert requests == []
-    advice = 'that of ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
+    advice = 'belongs to ROS 2 humble: set ROS_DISTRO=humble, or pass distro="humble" to get_service'
     await until(lambda: advice in caplog.text)
 
 
@@ -444,8 +445,8 @@ async def test_unlogged_drop_is_logged_when_context_closes(memory: World, caplog
     reader, peer = memory.node("reader", context=memory.context()), memory.node("peer", context=memory.context())
     subscription, publisher = reader.create_subscription(Range, "t"), peer.create_publisher(without_hash(Range), "t")
     assert await publisher.wait_for_subscribers(5)
-    for participant in reader._scope.graph.participants():
-        reader._scope.participant.endpoint_index.set_nodes(participant.guid, ())  # their names may arrive seconds later
+    for participant in graph_of(reader).participants():
+        participant_of(reader).endpoint_index.set_nodes(participant.guid, ())  # their names may arrive seconds later
     publisher.publish_raw(HumbleRange(range=1.0).encode())
     await until(lambda: subscription.take() is None and subscription.incompatible_dropped == 1)
     assert "are dropped" not in caplog.text

@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_srvs.srv import Empty, SetBool
+from support.inner_state import graph_of, transport_end_of
 from support.waiting import until
 
+from rosidl_py_gen import type_hash
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, TransportError, WaitTimeoutError
+from rosidl_py_gen.runtime.entities import services
 from rosidl_py_gen.runtime.entities.services import AlreadyRespondedError, ServiceRequest
 from rosidl_py_gen.runtime.transport.dds.services import add_request_header
+from rosidl_py_gen.runtime.transport.flow_control import TimeoutTable
 
 if TYPE_CHECKING:
     from support.worlds import World
@@ -43,7 +47,7 @@ async def test_response_is_delayed_until_client_reader_is_matched(
     client = bob.create_client(AddTwoInts, "add")
     time_s = asyncio.get_running_loop().time
     reachable_s = time_s() + late_s
-    monkeypatch.setattr(server._transport_server, "can_reach_client", lambda _: time_s() >= reachable_s)
+    monkeypatch.setattr(transport_end_of(server), "can_reach_client", lambda _: time_s() >= reachable_s)
     call = client.call(Request(a=1, b=2), timeout_s=10)
     if late_s < 5:
         assert (await call).sum == 3 and time_s() >= reachable_s and not caplog.records
@@ -89,7 +93,7 @@ async def test_requests_can_be_answered_out_of_order_from_another_task(world: Wo
 
 async def test_delayed_replies_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
     server, client = memory.node().create_service(AddTwoInts, "add"), memory.node().create_client(AddTwoInts, "add")
-    transport_server, is_released = server._transport_server, False
+    transport_server, is_released = transport_end_of(server), False
 
     def release() -> None:
         nonlocal is_released
@@ -103,6 +107,33 @@ async def test_delayed_replies_are_sent_when_their_server_closes(memory: World, 
     (await anext(server)).respond(AddTwoInts.Response(sum=7))
     server.close()
     assert (await call).sum == 7
+
+
+async def test_call_that_cannot_be_sent_leaves_no_timeout(memory: World, monkeypatch: Any) -> None:
+    alice, bob = memory.pair()
+    alice.create_service(AddTwoInts, "add", add)
+    client = bob.create_client(AddTwoInts, "add")
+    await client.wait_for_service(timeout_s=5)
+
+    def refuse(*_: object) -> None:
+        raise TransportError("no memory")
+
+    timeouts: list[float] = []
+
+    class RecordingTable(TimeoutTable[Any]):
+        def add(self, operation: Any, timeout_s: float) -> None:
+            timeouts.append(timeout_s)
+            super().add(operation, timeout_s)
+
+    monkeypatch.setattr(services, "TimeoutTable", RecordingTable)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(transport_end_of(client), "send", refuse)
+        with pytest.raises(TransportError, match="no memory"):
+            await client.call(Request(), timeout_s=60)
+    assert timeouts == [] and client.in_flight_count == 0
+    assert (await client.call(Request(a=1, b=2), timeout_s=60)).sum == 3
+    assert timeouts == [60]
 
 
 async def test_a_call_without_server_times_out(world: World) -> None:
@@ -201,7 +232,7 @@ async def test_late_and_foreign_replies_are_ignored(dds: World, caplog: pytest.L
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=20))
     request = await task
     number = request.info.sequence_number
-    replies: Any = server._transport_server
+    replies: Any = transport_end_of(server)
     replies._writer.write(add_request_header(Response(sum=2).encode(), 12345, number))  # of another client
     replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
     request.respond(Response(sum=3))
@@ -262,13 +293,13 @@ async def test_service_endpoints_announce_service_id_and_type_hashes(world: Worl
     server = alice.create_service(AddTwoInts, "add", add)
     client = bob.create_client(AddTwoInts, "add")
     assert await client.wait_for_service(timeout_s=20)
-    graph = bob._scope.graph
+    graph = graph_of(bob)
     await until(
-        lambda: graph.endpoints.keys() >= {*server._transport_server.endpoints, *client._transport_client.endpoints}
+        lambda: graph.endpoints.keys() >= {*transport_end_of(server).endpoints, *transport_end_of(client).endpoints}
     )
-    reads, writes = (graph.endpoints[guid] for guid in server._transport_server.endpoints)
+    reads, writes = (graph.endpoints[guid] for guid in transport_end_of(server).endpoints)
     assert reads.service_id == writes.service_id != ""
-    assert reads.type_hash == AddTwoInts.Request._TYPE.hash
-    assert writes.type_hash == AddTwoInts.Response._TYPE.hash
-    own = {graph.endpoints[guid].service_id for guid in client._transport_client.endpoints}
+    assert reads.type_hash == type_hash(AddTwoInts.Request)
+    assert writes.type_hash == type_hash(AddTwoInts.Response)
+    own = {graph.endpoints[guid].service_id for guid in transport_end_of(client).endpoints}
     assert len(own) == 1 and own.isdisjoint({"", reads.service_id})

@@ -13,6 +13,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, String
+from support.inner_state import type_fields
 from support.waiting import until, while_the_loop_sleeps
 
 from rosidl_py_gen import compile_definition, dtype
@@ -91,7 +92,7 @@ async def test_sequences_of_fixed_size_messages_are_published_and_received_as_ar
     cloud = compile_definition(
         "arrays_msgs/msg/Cloud", f"string frame\nXyz[] points\n{'=' * 80}\nMSG: arrays_msgs/Xyz\nfloat32 x\nuint8 y"
     )
-    xyz = cloud._TYPE.fields[1].cls
+    xyz = type_fields(cloud)[1].cls
     alice, bob = world.pair()
     listed = bob.create_subscription(cloud, "n")
     as_arrays = bob.create_subscription(cloud, "n", arrays=True)

@@ -6,9 +6,10 @@ import itertools
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.inner_state import type_fields
 from support.waiting import until
 
-from rosidl_py_gen import compile_definition, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.runtime import CallTimeoutError, Context, GoalRejectedError, Node
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ async def test_samples_of_writer_without_type_hash_are_accepted(world: World) ->
     old, _ = two_messages()
     alice, bob = world.pair()
     humble = type(
-        "Humble", (old,), {"__slots__": (), "_TYPE": old._TYPE.__class__(old._TYPE.name, "", old._TYPE.fields)}
+        "Humble", (old,), {"__slots__": (), "_TYPE": old._TYPE.__class__(type_name(old), "", type_fields(old))}
     )
     subscription, publisher = bob.create_subscription(old, "t"), alice.create_publisher(humble, "t")
     if world.kind == "zenoh":

@@ -9,6 +9,7 @@ from example_interfaces.srv import AddTwoInts
 from geometry_msgs.msg import Point
 from std_msgs.msg import Int32, String
 from std_srvs.srv import Trigger
+from support.inner_state import participant_of
 from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_action
@@ -135,7 +136,7 @@ async def test_timeout_text_about_many_or_hostile_peers_is_short(
 ) -> None:
     node = memory.node("bob")
     evil = EndpointSpec(TopicKey("topic", "/hostile"), "\x1b[31m" * 100_000, DEFAULT, "\x1b" * 100_000, 1)
-    memory.node("evil")._scope.participant.create_writer(evil)
+    participant_of(memory.node("evil")).create_writer(evil)
     text = await why(node.create_subscription(Point, "hostile").receive(2))
     for one in (text, caplog.text):
         assert "type" in one and "\x1b" not in one and len(one) < 2000

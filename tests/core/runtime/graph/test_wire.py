@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from support.raw_endpoints import found
 
+from rosidl_py_gen import type_hash
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
@@ -103,7 +104,7 @@ def test_graph_message_equals_the_encoded_generated_class() -> None:
         ],
     )
     assert data == expected.encode()
-    assert ParticipantEntitiesInfo._TYPE.hash == HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
+    assert type_hash(ParticipantEntitiesInfo) == HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
     assert discovery_info.decode_message(data, PREFIX).nodes[0].writer_gids == {writer}
 
 

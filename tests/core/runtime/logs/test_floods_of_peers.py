@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.inner_state import participant_of, transport_end_of
 from support.waiting import until
 
 from rosidl_py_gen.cdr.layout import HEADER
@@ -46,7 +47,7 @@ def malformed(guid: bytes, number: int) -> bytes:
 
 async def test_malformed_graph_messages_are_logged_once_a_second(dds: World, caplog: pytest.LogCaptureFixture) -> None:
     observer, attacker = dds.pair()
-    sender: Any = attacker.context._core.participant
+    sender: Any = participant_of(attacker)
     raw = sender.create_writer(GRAPH)  # retains its messages until the observer has discovered it
     start_s = time.monotonic()
     for number in range(COUNT):
@@ -94,7 +95,7 @@ async def test_responses_without_client_reader_are_logged_once_a_second(
 ) -> None:
     alice, bob = memory.pair()
     server: Any = alice.create_service("std_srvs/srv/Trigger", "stop", lambda request: {})
-    monkeypatch.setattr(server._transport_server, "can_reach_client", lambda _: False)
+    monkeypatch.setattr(transport_end_of(server), "can_reach_client", lambda _: False)
     client = bob.create_client("std_srvs/srv/Trigger", "stop")
     results = await asyncio.gather(*(client.call({}, timeout_s=20) for _ in range(5)), return_exceptions=True)
     assert {type(result) for result in results} == {CallTimeoutError}

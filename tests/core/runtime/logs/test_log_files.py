@@ -170,6 +170,18 @@ def test_first_context_chooses_log_file_and_last_context_closes_it(open_node: Op
     assert [path.name[:4] for path in files(tmp_path)] == ["one_", "two_"]
 
 
+def test_warnings_of_a_context_name_the_file_that_made_it(
+    open_node: OpenNode, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "NOWHERE")
+    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{file_name} {message}")
+    open_node("a", "--log-file-name", "one")
+    capsys.readouterr()
+    open_node("b", "--log-file-name", "two")
+    file, range_file = [line.split(" ")[:2] for line in capsys.readouterr().err.splitlines()]
+    assert file == [__file__, "log"] and range_file == [__file__, "ROS_AUTOMATIC_DISCOVERY_RANGE"]
+
+
 def test_unwritable_log_file_raises_log_file_error(
     open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

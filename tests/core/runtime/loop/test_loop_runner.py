@@ -33,6 +33,7 @@ from rosidl_py_gen.runtime import (
     spin,
 )
 from rosidl_py_gen.runtime.loop import shared_loop
+from rosidl_py_gen.runtime.loop.shared_loop import shared_loop_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -69,7 +70,7 @@ def run_in_thread(function: Callable[[], object]) -> Future[Any]:
 
 
 def is_waiting(runner: LoopRunner, waiting: int = 1) -> bool:
-    return runner.loop.is_running() and len(runner._shared_loop.waits) == waiting
+    return runner.loop.is_running() and len(shared_loop_of(runner).waits) == waiting
 
 
 # -------------------------------------------------------------------------------------------------- contexts and nodes

@@ -10,6 +10,7 @@ from typing import Any
 from rosidl_py_gen.runtime import Context, MemoryTransport
 from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 from rosidl_py_gen.runtime.loop.queues import DeferredSender, SendQueue
+from rosidl_py_gen.runtime.node.context import core_of
 from rosidl_py_gen.runtime.transport.api import TransportError
 
 
@@ -90,7 +91,7 @@ def test_samples_left_by_an_ended_loop_are_sent_on_the_next_loop() -> None:
 def test_deferred_sender_preserves_the_order_of_each_thread() -> None:
     sent: list[tuple[int, int]] = []
     with Context(transport=MemoryTransport(), args=["p"]) as context:
-        later = DeferredSender(context._core.loop_binding, sent.append)
+        later = DeferredSender(core_of(context).loop_binding, sent.append)
         with ThreadPoolExecutor(4) as pool:
             list(pool.map(lambda number: [later.add((number, count)) for count in range(500)], range(4)))
     assert len(sent) == 2000

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from std_msgs.msg import Int32, String
+from support.inner_state import reader_of
 from support.waiting import until
 from support.worlds import World, entity
 
@@ -143,7 +144,7 @@ async def test_raw_messages_are_dropped_if_definition_set_later_differs(
         for number in range(3):
             for cls, publisher in zip((theirs, ours), publishers, strict=True):
                 publisher.publish(cls(range=number))
-        await until(lambda: len(entity(bob, "/range")._items) == 6)
+        await until(lambda: len(reader_of(entity(bob, "/range")).queue.items) == 6)
         if left:
             alice.context.close()
             await until(lambda: bob.count_publishers("range") == 0)

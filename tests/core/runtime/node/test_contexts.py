@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import Int32
 from support.folders import ROOT
+from support.inner_state import reader_of
 from support.waiting import until
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import BackendMissingError, Context, Node, ParameterDescriptor, TransportError
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
-from rosidl_py_gen.runtime.node.context import open_contexts
+from rosidl_py_gen.runtime.node.context import core_of, open_contexts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -281,7 +282,7 @@ def test_failed_node_creation_leaves_no_default_context(
 async def test_node_that_cannot_be_entered_is_closed_and_others_stay_open(memory: World) -> None:
     context = memory.context()
     used = memory.node("used", context=context)
-    context._core.loop_binding.running_loop()
+    core_of(context).loop_binding.running_loop()
 
     async def elsewhere() -> None:
         async with Node("second", context=context):
@@ -373,7 +374,7 @@ async def test_reader_state_does_not_grow_with_closed_publishers(memory: World) 
             message, info = await subscription.receive_with_info(timeout_s=10)
             assert (message.data, info.publisher_gid) == (number, publisher.gid)
             publisher.close()
-        reader: Any = subscription._reader
+        reader: Any = reader_of(subscription)
         sizes.append({len(part) for part in vars(reader).values() if isinstance(part, (dict, list, set))})
     assert sizes[0] == sizes[1] == sizes[2]
 

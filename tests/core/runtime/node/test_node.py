@@ -17,7 +17,7 @@ from support.folders import ROOT
 from support.local_network import domain_id, second_domain_id
 from support.waiting import until
 
-from rosidl_py_gen import get_message, get_service, runtime
+from rosidl_py_gen import get_message, get_service, runtime, type_hash
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, LoggerLevel
@@ -39,6 +39,7 @@ from rosidl_py_gen.runtime.entities.message_types import (
 )
 from rosidl_py_gen.runtime.logs import get_logger
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
+from rosidl_py_gen.runtime.node.context import core_of
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
 
@@ -96,7 +97,7 @@ async def test_endpoint_info_contains_node_type_hash_and_qos(world: World) -> No
     await until(lambda: bob.get_publishers_info_by_topic("/topic")[0].node_name == "alice")
     (info,) = bob.get_publishers_info_by_topic("topic")
     assert (info.node_name, info.node_namespace, info.topic_type) == ("alice", "/", "std_msgs/msg/String")
-    assert info.topic_type_hash == String._TYPE.hash
+    assert info.topic_type_hash == type_hash(String)
     assert info.endpoint_type is EndpointType.PUBLISHER
     assert info.endpoint_gid == publisher.gid and len(info.endpoint_gid) == 16
     assert (info.qos_profile.history, info.qos_profile.depth) == (History.KEEP_LAST, 7)
@@ -191,7 +192,7 @@ def test_failed_node_creation_leaves_no_node_in_the_graph(memory: World) -> None
     context = memory.context("--ros-args", "-p", "use_sim_time:=3")
     with pytest.raises(ParameterError):
         Node("n", context=context)
-    assert context._core.discovery.graph.nodes() == []
+    assert core_of(context).discovery.graph.nodes() == []
 
 
 def test_lazily_imported_types_equal_the_bundled_types() -> None:
@@ -351,10 +352,10 @@ def test_context_refuses_a_second_running_loop(world: World) -> None:
     node = world.node("n")
 
     async def outer() -> None:
-        node.context._core.loop_binding.running_loop()
+        core_of(node.context).loop_binding.running_loop()
 
         async def inner() -> None:
-            node.context._core.loop_binding.running_loop()
+            core_of(node.context).loop_binding.running_loop()
 
         with pytest.raises(WrongEventLoopError, match="create a Context for the nodes of each loop"):
             await asyncio.to_thread(lambda: asyncio.run(inner()))

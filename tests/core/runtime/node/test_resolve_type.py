@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.announced_types import SERVICE_OFF, Told, fresh, humble_node, teller, told_by, without_hash
+from support.inner_state import graph_of, type_fields
 from support.raw_endpoints import reply_name, request_name, topic_name
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash, type_loading
+from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash, type_name
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError, type_descriptions
 from rosidl_py_gen.type_loading import from_description
@@ -36,7 +37,7 @@ async def test_type_known_only_to_another_node_is_resolved_to_a_class(world: Wor
     told = fresh()
     told_by(world, told)
     cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
-    assert (cls._TYPE.name, type_hash(cls), cls.LABEL, cls().x) == (told.name, told.hash, "deep", 5)
+    assert (type_name(cls), type_hash(cls), cls.LABEL, cls().x) == (told.name, told.hash, "deep", 5)
     assert cls.decode(b"\0\1\0\0\7\0\0\0").x == 7
     assert compile_definition(told.name, told.text) is cls
 
@@ -82,9 +83,9 @@ async def test_nested_types_with_equal_hash_are_local_classes(world: World) -> N
     told = fresh("std_msgs/Header header\ngeometry_msgs/Point32 point", **{"geometry_msgs/msg/Point32": point})
     told_by(world, told)
     cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
-    header, nested = (field.cls for field in cls._TYPE.fields)
+    header, nested = (field.cls for field in type_fields(cls))
     assert header is get_message("std_msgs/msg/Header")
-    assert nested is not get_message("geometry_msgs/msg/Point32") and [f.ros_name for f in nested._TYPE.fields] == [
+    assert nested is not get_message("geometry_msgs/msg/Point32") and [f.ros_name for f in type_fields(nested)] == [
         point.split()[1]
     ]
 
@@ -221,7 +222,7 @@ async def test_type_without_hash_uses_local_definition_with_warning_unless_humbl
     fresh().announce(robot, "rt/unknown", announced="")
     asker = world.node("asker")
     assert await asker.resolve_type("known", timeout_s=5) is get_message("std_msgs/msg/Bool")
-    warning = "announce no hash for std_msgs/msg/Bool, as those of ROS 2 Humble do"
+    warning = "announce no hash for std_msgs/msg/Bool, as nodes of ROS 2 Humble do"
     assert any(warning in one.message for one in caplog.records if one.levelname == "WARNING") is (distro == "jazzy")
     with pytest.raises(TypeNotFoundError, match=r"there is no local definition; install its package.*--path"):
         await asker.resolve_type("unknown", timeout_s=5)
@@ -244,12 +245,11 @@ async def test_generated_class_uses_nested_humble_definitions_for_humble_node(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sonar: Any = compile_definition(f"sonar_msgs/msg/Generated{next(_numbers)}", "sensor_msgs/Range[] all")
-    monkeypatch.setattr(from_description, "find_named_class", lambda name, **_: sonar)
-    monkeypatch.setattr(type_loading, "find_named_class", lambda name, **_: sonar)
+    monkeypatch.setattr(from_description, "get_named_class", lambda name, **_: sonar)
     monkeypatch.setattr(from_description, "find_installed_class", lambda name: sonar)
     teller(memory, "robot", None).create_publisher(without_hash(sonar), "t")
     cls = await memory.node("asker").resolve_type("t", timeout_s=10)
-    assert cls._TYPE.fields[0].cls is get_message("sensor_msgs/msg/Range", distro="humble")
+    assert type_fields(cls)[0].cls is get_message("sensor_msgs/msg/Range", distro="humble")
 
 
 async def test_type_of_program_without_ros_is_resolved_to_local_definition(
@@ -257,7 +257,7 @@ async def test_type_of_program_without_ros_is_resolved_to_local_definition(
 ) -> None:
     robot, asker = memory.pair()
     robot.create_publisher(without_hash(get_message("sensor_msgs/msg/Range")), "range")
-    monkeypatch.setattr(asker._scope.graph, "is_ros", lambda guid: False)
+    monkeypatch.setattr(graph_of(asker), "is_ros", lambda guid: False)
     assert await asker.resolve_type("range", timeout_s=10) is get_message("sensor_msgs/msg/Range")
 
 

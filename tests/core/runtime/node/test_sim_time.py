@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest
+from support.inner_state import scope_of
 from support.waiting import until
 from support.worlds import World, entity
 
@@ -155,10 +156,10 @@ def test_sim_time_publisher_refuses_invalid_options(
     world: World, options: dict[str, Any], error: type[Exception], words: str
 ) -> None:
     node = world.node("source")
-    before = len(node._scope.owned)
+    before = len(scope_of(node).owned)
     with pytest.raises(error, match=words):
         node.create_sim_time_publisher(**options)
-    assert len(node._scope.owned) == before
+    assert len(scope_of(node).owned) == before
     if "rate" in options:
         source = node.create_sim_time_publisher(rate=1.0)
         with pytest.raises(error, match=words):

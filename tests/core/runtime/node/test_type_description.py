@@ -13,7 +13,7 @@ from support import raw_endpoints
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen import compile_definition, get_message, type_description, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_description, type_hash, type_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.message import TypeInfo
 from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
@@ -70,7 +70,7 @@ async def test_services_and_actions_compiled_from_text_are_described(world: Worl
     node.create_action_server(Walk, "walk", lambda goal: None)
     for cls in (Ask, Ask.Request, Walk, Walk.SendGoal, Walk.GetResult, Walk.FeedbackMessage):
         sources = await names_and_encodings(asker, cls)
-        assert sources[0][0] == cls._TYPE.name
+        assert sources[0][0] == type_name(cls)
     sources = await names_and_encodings(asker, Walk)
     implicit = {name for name, encoding, _ in sources if encoding == "implicit"}
     assert {"my_pkg/action/Walk_Goal", "my_pkg/action/Walk_SendGoal"} <= implicit
@@ -83,7 +83,7 @@ async def test_types_of_built_in_entities_are_described(world: World) -> None:
     world.node("n", args="--ros-args -p use_sim_time:=true", logger_services=True)
     asker = world.node("asker")
     for cls in (Log, ParameterEvent, Clock, GetParameters, GetParameters.Response):
-        assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
+        assert (await names_and_encodings(asker, cls))[0][0] == type_name(cls)
     encodings = {name: encoding for name, encoding, _ in await names_and_encodings(asker, SetLoggerLevels)}
     assert encodings["rcl_interfaces/srv/SetLoggerLevels"] == "srv"
     assert encodings["rcl_interfaces/srv/SetLoggerLevels_Request"] == "implicit"
@@ -135,10 +135,10 @@ async def test_class_without_fields_is_not_described(world: World) -> None:
 async def test_opaque_class_in_same_process_does_not_hide_described_type(world: World) -> None:
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
-    recorded = {cls: opaque_message_class(cls._TYPE.name, type_hash(cls)) for cls in (Log, Foo)}
+    recorded = {cls: opaque_message_class(type_name(cls), type_hash(cls)) for cls in (Log, Foo)}
     for cls, opaque in recorded.items():
         asker.create_subscription(opaque, f"recorded/{cls.__name__}", raw=True)
-        assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
+        assert (await names_and_encodings(asker, cls))[0][0] == type_name(cls)
 
 
 async def test_node_name_of_type_description_request_is_not_remapped(world: World) -> None:

@@ -9,6 +9,7 @@ from support.waiting import until
 from support.worlds import World
 
 from rosidl_py_gen.runtime import LifecycleNode, WrongParameterTypeError
+from rosidl_py_gen.runtime.node.context import core_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -124,4 +125,4 @@ async def test_ignored_initial_value_is_warned_about(memory: World, caplog: pyte
 
 def test_no_node_names_are_retained_without_initial_values(memory: World) -> None:
     context = memory.node("drive").context
-    assert context._core.initial_values.node_names == []
+    assert core_of(context).initial_values.node_names == []

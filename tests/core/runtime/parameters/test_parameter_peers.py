@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from support.inner_state import parts_of
 from support.waiting import take
 from support.worlds import World
 
@@ -63,10 +64,10 @@ async def test_empty_response_raises_error_that_lists_all_requested_names(world:
 async def test_closed_event_streams_are_not_retained(world: World) -> None:
     remote = world.node("other").create_parameter_client("/n")
     kept = remote.events()
-    owned = list(remote._parts.owned.values())
+    owned = parts_of(remote)
     for _ in range(3):
         remote.events().close()
-    assert kept in owned and list(remote._parts.owned.values()) == owned
+    assert kept in owned and parts_of(remote) == owned
     remote.close()
     with pytest.raises(StopAsyncIteration):
         await take(kept)

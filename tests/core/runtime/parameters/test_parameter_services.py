@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from support import raw_endpoints
+from support.inner_state import graph_of, scope_of, transport_end_of
 from support.raw_endpoints import reply_name, request_name
 from support.waiting import take, until
 from support.worlds import World, entity
@@ -137,7 +138,7 @@ async def test_set_parameters_response_is_sent_before_its_event(world: World) ->
     await until(lambda: entity(node, "/parameter_events").has_subscriptions)
     written: list[str] = []
     record_calls(entity(node, "/parameter_events"), "_write", "event", written)
-    record_calls(entity(node, "/set_parameters")._transport_server, "send", "answer", written)
+    record_calls(transport_end_of(entity(node, "/set_parameters")), "send", "answer", written)
     assert (await client.set({"a": 2}, 20))[0].successful
     await until(lambda: len(written) == 2)
     assert written == ["answer", "event"]
@@ -279,8 +280,8 @@ async def test_parameter_endpoints_are_announced_with_types_and_qos(world: World
         assert info.topic_type == "rcl_interfaces/msg/ParameterEvent"
 
     def endpoints() -> list[QoSProfile]:
-        other._scope.discovery.refresh()
-        found = other._scope.graph.endpoints.values()
+        scope_of(other).discovery.refresh()
+        found = graph_of(other).endpoints.values()
         names = {f"/n/{service}" for service in SERVICES}
         return [one.qos for one in found if one.topic_key.kind != "topic" and one.topic_key.name in names]
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.inner_state import scope_of
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.clocks import TimerSchedule, period_to_ns
@@ -66,12 +67,12 @@ def test_invalid_timer_periods_are_refused(bad: Any, error: type[Exception], wor
 
 def test_timer_refuses_invalid_callback_or_clock() -> None:
     node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
-    before = len(node._scope.owned)
+    before = len(scope_of(node).owned)
     with pytest.raises(TypeError, match="callback must be a function, got 5"):
         node.create_timer(1, 5)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"clock must be a Clock such as node.clock, got 'steady'"):
         node.create_timer(1, clock="steady")  # type: ignore[arg-type]
-    assert len(node._scope.owned) == before
+    assert len(scope_of(node).owned) == before
     node.context.close()
 
 

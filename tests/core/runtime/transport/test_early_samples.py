@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String
-from support.raw_endpoints import participant_of
+from support.inner_state import participant_of
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone

@@ -19,8 +19,8 @@ from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 from support import raw_endpoints
 from support.fast_dds import new_domain, new_peers
+from support.inner_state import participant_of, transport_end_of
 from support.processes import python_process
-from support.raw_endpoints import participant_of
 from support.waiting import wait_until
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
@@ -479,7 +479,7 @@ async def test_ctrl_c_is_raised_after_the_send_hook_returned_to_cyclone(dds: Wor
             types.send_request(GetParameterTypes.Request(names=["x"]))
         assert len(calls) == 1
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
-        writer: Any = types._transport_client._writer
+        writer: Any = transport_end_of(types)._writer
         with interrupted(hooks) as calls:  # the hook is called for a sample without identity, too
             writer.write(services.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
         assert len(calls) == 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.announced_types import humble_node
-from support.raw_endpoints import participant_of
+from support.inner_state import participant_of
 from support.waiting import until
 
 from rosidl_py_gen import get_message

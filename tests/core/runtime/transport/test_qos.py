@@ -176,5 +176,5 @@ def test_each_incompatibility_kind_has_text_for_both_endpoints_and_for_the_peer(
         assert bool(incompatibility.policies) == (kind is IncompatibilityKind.QOS)
         assert incompatibility.mismatch_kind == kind.name.lower()
     humble = Incompatibility(IncompatibilityKind.HASH_FORMAT, writer, replace(reader, type_hash=""))
-    assert "only one of them has a type hash" in humble.reason and humble.mismatch_kind == "qos"
+    assert "only one of them has a type hash" in humble.reason and humble.mismatch_kind == "definition"
     assert humble.reason_of(writer, "X") == f"X does not match: {humble.reason}"

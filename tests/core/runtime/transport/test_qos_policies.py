@@ -6,10 +6,12 @@ A new policy fails here for each place that does not have it; tests/slow/ros_com
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
 import pytest
+import yaml
 
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.bags.metadata import qos_text as bag_text
@@ -19,6 +21,7 @@ from rosidl_py_gen.runtime.transport.qos import (
     POLICIES,
     Durability,
     History,
+    InvalidQoSError,
     Liveliness,
     QoSPolicyKind,
     QoSProfile,
@@ -39,7 +42,20 @@ CHANGED: dict[str, Any] = {
     "avoid_ros_namespace_conventions": True,
 }
 """A value of each policy that is not its default."""
+METHODS: dict[str, Callable[[QoSProfile], QoSProfile]] = {
+    "history": QoSProfile.keep_all,
+    "depth": lambda profile: profile.keep_last(7),
+    "reliability": QoSProfile.best_effort,
+    "durability": QoSProfile.transient_local,
+    "deadline_ns": lambda profile: profile.deadline(1.5),
+    "lifespan_ns": lambda profile: profile.lifespan(2.5),
+    "liveliness": QoSProfile.manual_liveliness,
+    "liveliness_lease_ns": lambda profile: profile.automatic_liveliness(3.5),
+    "avoid_ros_namespace_conventions": QoSProfile.no_ros_prefix,
+}
+"""A method of profiles that gives each policy its changed value."""
 ANNOUNCED = sorted(CHANGED.keys() - {"avoid_ros_namespace_conventions"})  # which is a matter of the topic's name
+BAG_PROFILE = replace(DEFAULT, **{field: CHANGED[field] for field in ANNOUNCED})
 FIELDS = sorted(field.name for field in fields(QoSProfile))
 
 
@@ -53,17 +69,30 @@ def test_every_policy_has_a_row_a_changed_value_and_a_number() -> None:
     assert [field for field in FIELDS if CHANGED[field] == getattr(DEFAULT, field)] == []
 
 
+@pytest.mark.parametrize("field", FIELDS)
+def test_every_policy_has_a_method_that_sets_it(field: str) -> None:
+    assert getattr(METHODS[field](DEFAULT), field) == CHANGED[field]
+
+
+@pytest.mark.parametrize("value", [-(2**40), 2**70, 1.5, "x", None])
+@pytest.mark.parametrize("field", FIELDS)
+def test_wrong_values_of_every_policy_are_refused(field: str, value: object) -> None:
+    with pytest.raises(InvalidQoSError, match=field):
+        replace(DEFAULT, **{field: value})
+
+
 @pytest.mark.dds
+@pytest.mark.parametrize("is_writer", [True, False])
 @pytest.mark.parametrize("field", ANNOUNCED)
-def test_dds_endpoints_have_the_policy(field: str) -> None:
+def test_dds_endpoints_have_the_policy(field: str, is_writer: bool) -> None:
     from rosidl_py_gen.runtime.transport.cyclone.endpoints import endpoint_qos, read_profile
     from rosidl_py_gen.runtime.transport.cyclone.library import CycloneApi, DdscLibrary, load
 
     library = load(os.environ)
     assert isinstance(library, DdscLibrary)
-    api, profile = CycloneApi(library.handle), effective(changed(field), is_writer=True)
-    with endpoint_qos(api, EndpointSpec(TopicKey("topic", "/t"), "a/msg/B", profile), is_writer=True) as qos:
-        assert read_profile(api, qos, is_writer=True) == profile
+    api, profile = CycloneApi(library.handle), effective(changed(field), is_writer=is_writer)
+    with endpoint_qos(api, EndpointSpec(TopicKey("topic", "/t"), "a/msg/B", profile), is_writer=is_writer) as qos:
+        assert read_profile(api, qos, is_writer=is_writer) == profile
 
 
 @pytest.mark.parametrize("field", ANNOUNCED)
@@ -75,3 +104,17 @@ def test_zenoh_tokens_have_the_policy(field: str) -> None:
 @pytest.mark.parametrize("field", ANNOUNCED)
 def test_bags_have_the_policy(field: str) -> None:
     assert qos_profiles(bag_text([changed(field)])) == [changed(field)]
+
+
+@pytest.mark.parametrize("field", ANNOUNCED)
+def test_policies_that_a_bag_lacks_have_their_defaults(field: str) -> None:
+    rmw_name = next(policy.rmw_name for policy in POLICIES if policy.field == field)
+    (row,) = yaml.safe_load(bag_text([BAG_PROFILE]))
+    del row[rmw_name]
+    expected = replace(BAG_PROFILE, **{field: getattr(DEFAULT, field)})
+    assert qos_profiles(yaml.safe_dump([row])) == [expected] != [BAG_PROFILE]
+
+
+@pytest.mark.parametrize("text", ["- {}", "- {colour: 1}"])
+def test_bag_text_without_policies_has_no_profile(text: str) -> None:
+    assert qos_profiles(text) == []

@@ -241,3 +241,7 @@ def test_secured_fast_dds_peer_without_endpoints_is_reported(caplog: pytest.LogC
     peers.on_participant_lost(silent)
     peers.warn_without_endpoints([silent], guids)
     assert caplog.text == ""
+    peers.on_participant(silent, fast_dds_property)
+    peers.forget()
+    peers.warn_without_endpoints([silent], guids)
+    assert caplog.text == ""

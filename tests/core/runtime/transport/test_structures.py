@@ -11,7 +11,7 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from support import raw_endpoints
-from support.raw_endpoints import participant_of
+from support.inner_state import participant_of
 
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import library, private_layout

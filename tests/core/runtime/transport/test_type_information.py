@@ -12,6 +12,7 @@ from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
 from std_srvs.srv import SetBool
 from support import raw_endpoints
+from support.inner_state import graph_of
 from support.processes import python_process
 from support.waiting import until
 
@@ -117,7 +118,7 @@ async def test_server_with_user_data_of_lyrical_on_cyclone_11_is_called(dds: Wor
                 break
         sums = [(await client.call(AddTwoInts.Request(a=number, b=-5), 10)).sum for number in range(20)]
         assert sums == [number - 5 for number in range(20)]
-        endpoints = node._scope.graph.endpoints.values()
+        endpoints = graph_of(node).endpoints.values()
         theirs = [one for one in endpoints if one.service_id == " 1.10.2"]
         assert {one.type_hash for one in theirs} == {hashes["REQUEST"], hashes["RESPONSE"]}
         assert {one.service_hash for one in theirs} == {hashes["SERVICE"]}
@@ -169,7 +170,7 @@ async def test_service_endpoints_announce_the_service_hash(world: World) -> None
     bob.create_client(SetBool, "s")
 
     def hashes(node: Node) -> list[str]:
-        endpoints = node._scope.graph.endpoints.values()
+        endpoints = graph_of(node).endpoints.values()
         return [endpoint.service_hash for endpoint in endpoints if endpoint.service_type == "std_srvs/srv/SetBool"]
 
     await until(lambda: hashes(alice) == hashes(bob) == [type_hash(SetBool)] * 4)

@@ -9,7 +9,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.raw_endpoints import participant_of
+from support.inner_state import participant_of
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import ClosedError, Context, LoopRunner, Node

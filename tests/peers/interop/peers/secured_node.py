@@ -14,6 +14,7 @@ from typing import Any
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.node.context import core_of
 
 String: Any = get_message("std_msgs/msg/String")
 Add: Any = get_service("example_interfaces/srv/AddTwoInts")
@@ -121,7 +122,7 @@ async def main(role: str, enclave: str) -> None:
     participant: Any = None
     try:
         async with Context(args=["test"], enclave=enclave) as context, Node(role, context=context) as node:
-            participant = context._core.participant
+            participant = core_of(context).participant
             await ROLES[role](node)
     except RosidlError as error:
         show(error=f"{type(error).__name__}: {error}")

@@ -8,6 +8,7 @@ import time
 from itertools import count
 
 import pytest
+from support.inner_state import type_fields
 
 from rosidl_py_gen import DefinitionError, compile_definition, decode, encode, from_json, to_json, type_hash
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_ELEMENTS, MAX_FIELDS, MAX_TYPES, MAX_VALUES
@@ -113,7 +114,7 @@ def test_messages_nested_ninety_levels_deep_round_trip() -> None:
     value = inner = cls()
     while hasattr(inner, "a"):
         inner.b = 7
-        inner.a = [type(inner)._TYPE.fields[0].cls()]
+        inner.a = [type_fields(type(inner))[0].cls()]
         inner = inner.a[0]
     inner.x = -5
     assert decode(cls, encode(value)) == value
@@ -203,7 +204,7 @@ def test_large_realistic_definitions_are_accepted() -> None:
     name = package()
     pose = "float64[3] position\nfloat64[4] orientation\nfloat64[36] covariance\nstring frame\n"
     cls = compile_definition(f"{name}/T0", text_of(name, "".join(f"T1 p{i}\nT1[] q{i}\n" for i in range(190)), pose))
-    assert len(cls._TYPE.fields) == 380
+    assert len(type_fields(cls)) == 380
     assert type_hash(cls).startswith("RIHS01_")
     image = compile_definition(f"{name}/T2", "uint8[99532800] data\n")  # 7680 x 4320 x 3
-    assert image._TYPE.fields[0].type.capacity == 99_532_800
+    assert type_fields(image)[0].type.capacity == 99_532_800

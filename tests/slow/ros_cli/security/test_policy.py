@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from support.inner_state import scope_of
 
 from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.errors import DefinitionError
@@ -422,7 +423,7 @@ async def test_generate_policy_writes_through_symbolic_link(graph: None, tool: T
 
 
 async def test_generate_policy_skips_nodes_with_invalid_names(memory: World, tool: Tool, tmp_path: Path) -> None:
-    discovery = memory.node("good", **QUIET)._scope.discovery
+    discovery = scope_of(memory.node("good", **QUIET)).discovery
     for namespace, name in (("/a\"><enclave path='/x", "n"), ("/n", 'b"/>\n<x'), ("/", "")):
         discovery.add_node(name, namespace)
     path = tmp_path / "policy.xml"

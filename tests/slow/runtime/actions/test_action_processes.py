@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 from peer_process import Fibonacci, open_context, server_process
+from support.fibonacci_action import result_client
+from support.inner_state import servers_of
 from support.local_network import domain_id
 from support.waiting import until
 
@@ -48,11 +50,11 @@ async def test_goal_becomes_unknown_after_its_killed_server_restarts(loopback: C
     client = node.create_action_client(Fibonacci, "fib")
     with server_process({"CYCLONEDDS_URI": lease}) as process:
         handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
-        old = client._result.client._servers()
+        old = servers_of(result_client(client))
         await until(node.node_names_complete)  # node names arrive after the endpoints
         process.kill()
         process.wait()
         with server_process({}):
             with pytest.raises(UnknownGoalError, match="does not know goal"):
                 await handle.result(timeout_s=40)
-            assert old < client._result.client._servers(), "the old lease is not over"
+            assert old < servers_of(result_client(client)), "the old lease is not over"

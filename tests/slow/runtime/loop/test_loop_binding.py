@@ -19,11 +19,12 @@ import pytest
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool
 from support.folders import ROOT
+from support.inner_state import participant_of, reader_of
 from support.waiting import rests, until
 
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop, end_tasks
-from rosidl_py_gen.runtime.node.context import attach_all
+from rosidl_py_gen.runtime.node.context import attach_all, core_of
 from rosidl_py_gen.runtime.transport.cyclone import endpoints
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
@@ -188,7 +189,7 @@ async def test_wakeup_of_reader_without_samples_calls_no_callback(dds: World) ->
     await publisher.wait_for_subscribers(timeout_s=20)
     publisher.publish(Int32(data=1))
     await until(lambda: received)
-    participant: Any = bob.context._core.participant
+    participant: Any = participant_of(bob)
     for entity in (*participant.readers, 12345):
         participant.pipe.notify(entity)
     publisher.publish(Int32(data=2))  # arrives through the pipe after these handles
@@ -199,7 +200,7 @@ async def test_wakeup_of_reader_without_samples_calls_no_callback(dds: World) ->
 def test_samples_are_delivered_although_the_wakeup_pipe_overflowed(dds: World) -> None:
     context = dds.context()
     node = dds.node("n", context=context)
-    participant: Any = context._core.participant
+    participant: Any = core_of(context).participant
     crowd, single = numbers(node, "crowd", qos=1), numbers(node, "single")
     to_crowd, to_single = node.create_publisher(Int32, "crowd"), node.create_publisher(Int32, "single")
 
@@ -232,7 +233,7 @@ def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
     function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(slow)
     listener = api.create_listener(None)
     api.lset_data_available_arg(listener, function, None, True)
-    reader: Any = subscription._reader
+    reader: Any = reader_of(subscription)
     library: Any = cyclone.API.library
     assert library.dds_set_listener(reader.entity, ct.c_void_p(listener)) == 0
     thread = threading.Thread(target=lambda: publisher.publish(Int32(data=1)))

@@ -13,11 +13,13 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from support.inner_state import participant_of
 from support.waiting import until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
+from rosidl_py_gen.runtime.node.context import core_of
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -32,7 +34,7 @@ pytestmark = pytest.mark.on_zenoh
 
 
 def is_loop_running(node: Node) -> bool:
-    shared = node.context._core.loop_binding.shared
+    shared = core_of(node.context).loop_binding.shared
     return shared is not None and shared.loop.is_running()
 
 
@@ -149,7 +151,7 @@ def test_plain_script_discovers_nodes_of_other_contexts_in_its_process(dds: Worl
     for number in range(50):
         other.create_publisher(String, f"t{number}")
     one.get_node_names()
-    participant: Any = one.context._core.participant
+    participant: Any = participant_of(one)
     assert [len(reader.queue.items) for reader in participant.readers.values() if reader.topic == DISCOVERY_TOPIC] == [
         0
     ]

@@ -10,6 +10,7 @@ from support.keystores import Authority, Keystore
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, MemoryTransport, QoSProfile, RosArgumentError, SecurityError, find_security
 from rosidl_py_gen.runtime.node import context as node_context
+from rosidl_py_gen.runtime.node.context import core_of
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def test_enclave_argument_overrides_command_line() -> None:
     for arguments, expected in (({"enclave": "/a"}, "/a"), ({}, "/b")):
         transport = MemoryTransport()
         context = Context(transport=transport, args=["x", "--ros-args", "-e", "/b"], **arguments)
-        assert context._core.participant.enclave == expected  # type: ignore[attr-defined]
+        assert core_of(context).participant.enclave == expected  # type: ignore[attr-defined]
         context.close()
 
 

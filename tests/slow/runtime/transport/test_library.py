@@ -110,6 +110,6 @@ def test_vtable_slots_are_used_only_if_unambiguous(
 
 
 def test_loaded_library_reports_file_and_version() -> None:
-    found = library.find()
+    found = library.find_library()
     assert Path(found.file).is_file() and found.version[0].isdigit()
-    assert found is library.find()
+    assert found is library.find_library()

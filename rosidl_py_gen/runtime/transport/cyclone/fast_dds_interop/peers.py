@@ -94,7 +94,6 @@ class FastDdsPeers:
         """True while the builtin reader has unread participants. Lock: `FastDdsInterop.lock` must be held."""
         self._participants: set[bytes] = set()
         """GUIDs of discovered participants on Fast DDS. Lock: `FastDdsInterop.lock` must be held."""
-        self._is_closed = False
         self._early = EarlySampleReaders(interop.support, listener)
         with interop.lock:
             interop.members.add(self)
@@ -250,22 +249,23 @@ class FastDdsPeers:
         `participants` are the GUIDs of the peers, `guids` the GUIDs of all discovered endpoints.
         """
         prefixes = {guid[:GUID_PREFIX_BYTES] for guid in [*guids.values()]}
-        if not self._is_closed and any(
-            self.is_secured_peer(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants
-        ):
+        if any(self.is_secured_peer(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants):
             get_root_logger().warning(_NO_ENDPOINTS)
 
+    def forget(self) -> None:
+        """Forget all peers, so that timers neither send requests nor warn; also called in a forked child."""
+        self._secured.clear()
+        self._addresses.clear()
+
     def close(self) -> None:
-        """Forget all peers. Called after the participant and its readers were deleted."""
-        self._is_closed = True
+        """Forget all peers and end the early readers. Called after the participant and its readers were deleted."""
         interop = self._interop
         with interop.lock:
             interop.members.discard(self)
             self._participants.clear()
             if not any(peers.may_exist() for peers in interop.members):
                 interop.enable_receive_hooks(False)
-        self._secured.clear()
-        self._addresses.clear()
+        self.forget()
         self._early.close()
 
 

@@ -283,7 +283,7 @@ _CAPABILITIES = (
     (
         "lookup_refusal",
         "nodes on Fast DDS that ask each other for types",
-        "Fast DDS nodes that ask each other for types, as those of Kilted do, may end this process",
+        "Fast DDS nodes that ask each other for types, as nodes of Kilted do, may end this process",
     ),
     ("loopback_refusal", "localhost mode on the loopback interface alone", ""),
 )

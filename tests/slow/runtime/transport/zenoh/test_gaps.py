@@ -12,6 +12,7 @@ from support.waiting import until
 from support.worlds import World
 from support.zenoh_peer import Peer, PlainPublisher
 
+from rosidl_py_gen import type_hash
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterType
 from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks, UnsupportedEventError
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import SequenceGaps
@@ -63,7 +64,7 @@ async def test_message_lost_callback_reports_missing_sequence_numbers(zenoh: Wor
     received: list[ParameterType] = []
     callbacks = SubscriptionEventCallbacks(message_lost=lost.append)
     zenoh.node("n").create_subscription(ParameterType, "t", received.append, event_callbacks=callbacks)
-    publisher = PlainPublisher(peer, "/t", f"{TYPE}/{ParameterType._TYPE.hash}")
+    publisher = PlainPublisher(peer, "/t", f"{TYPE}/{type_hash(ParameterType)}")
     data = ParameterType().encode()
 
     def publish(skipped: int) -> None:

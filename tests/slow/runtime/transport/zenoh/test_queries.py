@@ -10,12 +10,12 @@ import pytest
 from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
+from support.inner_state import participant_of, reader_of, servers_of, transport_end_of
 from support.local_network import zenoh_environment
-from support.raw_endpoints import participant_of
 from support.waiting import until
 from support.worlds import World
 
-from rosidl_py_gen import DecodeError
+from rosidl_py_gen import DecodeError, type_hash
 from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 from rosidl_py_gen.runtime.transport.zenoh import services
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
@@ -30,11 +30,11 @@ class Pair:
         self.node = world.node("server")
         self.server = self.node.create_service(AddTwoInts, "add")
         self.client = world.node("caller").create_client(AddTwoInts, "add")
-        self.reader: Any = self.server._transport_server
-        self.replies: Any = self.client._transport_client
+        self.reader: Any = transport_end_of(self.server)
+        self.replies: Any = transport_end_of(self.client)
         self.session: Any = participant_of(self.node).session
         self.key = (
-            f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
+            f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{type_hash(AddTwoInts)}"
         )
 
     def call(self, timeout_s: float | None = 20) -> asyncio.Future[Any]:
@@ -69,7 +69,7 @@ async def test_answered_calls_leave_no_query(zenoh: World) -> None:
     client = zenoh.node("caller").create_client(AddTwoInts, "add")
     calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
     assert {response.sum for response in await asyncio.gather(*calls)} == {3}
-    replies: Any = client._transport_client
+    replies: Any = transport_end_of(client)
     await until(lambda: not replies.in_flight)
 
 
@@ -131,7 +131,7 @@ async def test_response_is_accepted_after_its_server_token_disappeared(pair: Pai
     await until(lambda: pair.reader.queries)
     participant = participant_of(pair.node)
     participant.undeclare_token(pair.reader.guid)
-    await until(lambda: not pair.client._servers())
+    await until(lambda: not servers_of(pair.client))
     for _ in range(5):  # the client checks for lost requests in a callback of the loop
         await asyncio.sleep(0)
     request = await anext(pair.server)
@@ -199,7 +199,7 @@ async def test_samples_without_valid_attachment_are_dropped_with_a_warning(
     subscription = node.create_subscription(String, "t")
     session: Any = participant_of(node).session
     key, data = (
-        f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}",
+        f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{type_hash(String)}",
         String(data="x").encode(),
     )
     while "expected an attachment of 33 bytes, found none" not in caplog.text:  # at most one per second is logged
@@ -212,6 +212,6 @@ async def test_samples_without_valid_attachment_are_dropped_with_a_warning(
     ):
         await asyncio.to_thread(session.put, key, payload, attachment=attachment)
     assert (await subscription.receive(20)).data == "x"
-    assert len(subscription._items) == 0
+    assert len(reader_of(subscription).queue.items) == 0
     threads = {record.thread for record in caplog.records if "found none" in record.getMessage()}
     assert threads == {threading.get_ident()}  # the loop's

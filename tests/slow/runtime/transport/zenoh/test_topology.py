@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from support.raw_endpoints import participant_of
+from support.inner_state import participant_of
 from support.waiting import until
 from support.worlds import World
 

@@ -13,6 +13,7 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from support.folders import ROOT
+from support.inner_state import transport_end_of
 from support.local_network import zenoh_environment, zenoh_router
 from support.processes import running_process
 from support.waiting import until
@@ -114,7 +115,7 @@ async def test_unanswered_requests_are_removed_when_their_client_closes(zenoh: W
     client = caller.create_client(AddTwoInts, "add")
     calling = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=20))
     await anext(server)
-    reader: Any = server._transport_server
+    reader: Any = transport_end_of(server)
     assert len(reader.queries) == 1
     caller.context.close()
     await until(lambda: not reader.queries)

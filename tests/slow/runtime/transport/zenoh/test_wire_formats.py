@@ -117,7 +117,7 @@ def test_any_attachment_bytes_are_read_or_raise_attachment_error(data: bytes) ->
     [
         (b"", "expected an attachment of 33 bytes, found 0 bytes"),
         (BYTES + b"\0", "expected an attachment of 33 bytes, found 34 bytes"),
-        (bytes(77), "found 77 bytes; that of rmw_zenoh_cpp before Jazzy's 0.2.4"),
+        (bytes(77), "found 77 bytes; rmw_zenoh_cpp before Jazzy's 0.2.4"),
         (BYTES[:16] + b"\x0f" + GID, "byte 16: expected 16, the length of a GID, found 15"),
         (b"\xff" * 8 + BYTES[8:], "byte 0: expected a sequence number of 0 or more, found -1"),
         (BYTES[:8] + b"\xff" * 8 + BYTES[16:], "byte 8: expected a time of 0 or more, found -1"),
