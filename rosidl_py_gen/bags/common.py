@@ -119,13 +119,16 @@ class DurableFile:
         return self.partial
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        is_target = False
         try:
             if kind is None:
                 sync_file(self.partial)
                 self.partial.replace(self.target)
+                is_target = True
         finally:
-            self.partial.unlink(missing_ok=True)  # if it has not become the target
-        if kind is None:
+            if not is_target:
+                self.partial.unlink(missing_ok=True)
+        if is_target:
             sync_folder(self.target.parent)
 
 

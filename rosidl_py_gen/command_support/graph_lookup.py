@@ -53,8 +53,9 @@ def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str
     ]
 
 
-T = TypeVar("T")
+# -------------------------------------------------------------------------------------------------------------- classes
 
+T = TypeVar("T")
 _DESCRIPTION_TIMEOUT_S = 10.0
 """Maximum time to wait for a node's description of an unknown type, in seconds."""
 _PRELOAD_DELAY_S = 0.02

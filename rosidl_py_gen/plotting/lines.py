@@ -101,7 +101,7 @@ class TopicLines:
         topic: name for error texts.
         paths: paths of the fields; if empty, the only number that the messages have.
         by_stamp: use the time of ``header.stamp`` instead of the time that is passed to `add`.
-        last_s: remove points that are older than the last one by more than this time, in seconds; None to keep all.
+        last_s: time before the last point to keep, in seconds; older points may be removed. None to keep all.
     """
 
     def __init__(

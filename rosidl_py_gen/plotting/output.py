@@ -108,7 +108,10 @@ class Plot:
             yield LivePlot(self, window, draw)
 
     def end(self, live: LivePlot) -> None:
-        """Write the plot to its file, or print it a last time; print a note for each topic without messages."""
+        """Write the plot to its file, or print it a last time if it has no window.
+
+        Topics without messages are noted.
+        """
         filled = [panel for panel in self.panels if panel.count]
         for panel in self.panels:
             if not panel.count:

@@ -135,7 +135,7 @@ def opened_bag(path: str, *, search_path: Sequence[str] = (), skip_damaged: bool
 
 @contextmanager
 def opened_source(path: str, search_path: Sequence[str]) -> Iterator[SourceBag]:
-    """Open a bag that is copied and yield its reader; damaged parts are skipped."""
+    """Open a bag that is copied and yield its reader, with a progress bar while files are read; skip damaged parts."""
     from rosidl_py_gen.bags import SourceBag
 
     with ProgressBar("bytes") as show:

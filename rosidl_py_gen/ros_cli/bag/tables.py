@@ -196,7 +196,7 @@ def sql(
             left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
         for topic, reason in left_out.items():
             terminal_output.note(f"skipped {topic}: {reason}")
-        _print_result(base, query, form, output)
+        _run_and_print(base, query, form, output)
     return DAMAGED if any(one.damaged for one in readers.values()) else 0
 
 
@@ -223,7 +223,7 @@ def _format_of(output: str | None) -> str:
     return suffix
 
 
-def _print_result(base: Database, query: str, form: str, output: str | None) -> None:
+def _run_and_print(base: Database, query: str, form: str, output: str | None) -> None:
     result = base.run(query)
     if output is not None:
         if form == "table":
