@@ -25,6 +25,7 @@ class Primitive(NamedTuple):
         type_id: id of the type in type descriptions.
         numpy: name of the numpy type.
         python: name of the Python type.
+        idl: name of the type in IDL, in the spelling of rosidl.
     """
 
     code: str
@@ -32,27 +33,30 @@ class Primitive(NamedTuple):
     type_id: int
     numpy: str
     python: str
+    idl: str
 
 
 # docs/internals/protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char` and
 # `wchar` exist only in .idl files.
 PRIMITIVES: dict[str, Primitive] = {
-    "bool": Primitive("?", 1, 15, "bool_", "bool"),
-    "byte": Primitive("B", 1, 16, "uint8", "int"),
-    "char": Primitive("B", 1, 3, "uint8", "int"),
-    "int8": Primitive("b", 1, 2, "int8", "int"),
-    "uint8": Primitive("B", 1, 3, "uint8", "int"),
-    "int16": Primitive("h", 2, 4, "int16", "int"),
-    "uint16": Primitive("H", 2, 5, "uint16", "int"),
-    "int32": Primitive("i", 4, 6, "int32", "int"),
-    "uint32": Primitive("I", 4, 7, "uint32", "int"),
-    "int64": Primitive("q", 8, 8, "int64", "int"),
-    "uint64": Primitive("Q", 8, 9, "uint64", "int"),
-    "float32": Primitive("f", 4, 10, "float32", "float"),
-    "float64": Primitive("d", 8, 11, "float64", "float"),
-    "idl_char": Primitive("B", 1, 13, "uint8", "int"),
-    "wchar": Primitive("H", 2, 14, "uint16", "int"),
+    "bool": Primitive("?", 1, 15, "bool_", "bool", "boolean"),
+    "byte": Primitive("B", 1, 16, "uint8", "int", "octet"),
+    "char": Primitive("B", 1, 3, "uint8", "int", "uint8"),
+    "float32": Primitive("f", 4, 10, "float32", "float", "float"),
+    "float64": Primitive("d", 8, 11, "float64", "float", "double"),
+    "int8": Primitive("b", 1, 2, "int8", "int", "int8"),
+    "uint8": Primitive("B", 1, 3, "uint8", "int", "uint8"),
+    "int16": Primitive("h", 2, 4, "int16", "int", "int16"),
+    "uint16": Primitive("H", 2, 5, "uint16", "int", "uint16"),
+    "int32": Primitive("i", 4, 6, "int32", "int", "int32"),
+    "uint32": Primitive("I", 4, 7, "uint32", "int", "uint32"),
+    "int64": Primitive("q", 8, 8, "int64", "int", "int64"),
+    "uint64": Primitive("Q", 8, 9, "uint64", "int", "uint64"),
+    "idl_char": Primitive("B", 1, 13, "uint8", "int", "char"),
+    "wchar": Primitive("H", 2, 14, "uint16", "int", "wchar"),
 }
+MSG_PRIMITIVES = tuple(name for name in PRIMITIVES if name not in ("idl_char", "wchar"))
+"""Names of the primitive types that .msg files have, in the order of rosidl_adapter."""
 _STRINGS = {"string": 17, "wstring": 18}
 _BOUNDED_STRINGS = {"string": 21, "wstring": 22}
 _MESSAGE = 1
@@ -65,6 +69,8 @@ INTEGER_RANGES: dict[str, tuple[int, int]] = {
     **{code: (0, 2**bits - 1) for code, bits in zip("BHIQ", (8, 16, 32, 64), strict=True)},
 }
 """Minimum and maximum of integers by struct code."""
+MAX_FLOATS: dict[str, float] = {"f": 3.402823466e38, "d": 1.7976931348623157e308}
+"""Maximum of finite floats by struct code, with the digits that rclpy's checks have."""
 
 
 class Arity(Enum):

@@ -25,7 +25,7 @@ import numpy as np
 
 from rosidl_py_gen.bags import BagError
 from rosidl_py_gen.base.field_columns import MAX_COLUMNS, VARIABLE_LENGTH, is_time
-from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.cdr.structured_arrays import cached_per_class
@@ -201,19 +201,8 @@ ENCODING = b"ros.definition_encoding"
 QOS = b"ros.offered_qos"
 CONSTANTS = b"ros.constants"
 ITEM = "item"
-NUMBERS = {
-    "?": pa.bool_(),
-    "b": pa.int8(),
-    "B": pa.uint8(),
-    "h": pa.int16(),
-    "H": pa.uint16(),
-    "i": pa.int32(),
-    "I": pa.uint32(),
-    "q": pa.int64(),
-    "Q": pa.uint64(),
-    "f": pa.float32(),
-    "d": pa.float64(),
-}
+NUMBERS = {one.code: pa.from_numpy_dtype(np.dtype(one.numpy)) for one in PRIMITIVES.values()}
+"""Arrow types of numbers by struct code."""
 NANOSECONDS = pa.timestamp("ns")
 _ELEMENT_TYPES = {
     Kind.STRING: pa.string(),

@@ -104,7 +104,7 @@ def numbers(kind: str) -> st.SearchStrategy[Any]:
     if kind == "bool":
         return st.booleans()
     if kind in FLOATS:
-        return st.floats(width=32 if kind == "float32" else 64)
+        return st.floats(width=8 * NUMBERS[kind][1])
     low, high = INTEGER_RANGES[NUMBERS[kind][0]]
     return st.one_of(st.integers(low, high), st.sampled_from((low, high)))
 

@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MAX_FLOATS, PRIMITIVES, Arity
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, short_repr
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service
 from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes, to_array
@@ -26,8 +26,8 @@ from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
 
-_MAX_FLOAT = {"f": 3.402823466e38, "d": 1.7976931348623157e308}
-_NOUNS = {"f": "float", "d": "double"}
+_NOUNS = {one.code: one.idl for one in PRIMITIVES.values() if one.python == "float"}
+"""Names of floats in error texts, by struct code."""
 
 
 def check(field: Field, value: Any) -> bool:
@@ -67,8 +67,8 @@ def _check_scalar(field: Field, value: Any) -> None:
 
 
 def _range_text(code: str) -> str:
-    if code in _MAX_FLOAT:
-        return f"a {_NOUNS[code]} in [{-_MAX_FLOAT[code]!r}, {_MAX_FLOAT[code]!r}]"
+    if code in _NOUNS:
+        return f"a {_NOUNS[code]} in [{-MAX_FLOATS[code]!r}, {MAX_FLOATS[code]!r}]"
     low, high = INTEGER_RANGES[code]
     return f"an {'integer' if low else 'unsigned integer'} in [{low}, {high}]"
 
@@ -86,8 +86,8 @@ def _python_type(field: Field) -> type:
 
 
 def _is_in_range(value: Any, code: str) -> bool:
-    if code in _MAX_FLOAT:
-        return not (value < -_MAX_FLOAT[code] or value > _MAX_FLOAT[code]) or math.isinf(value)
+    if code in _NOUNS:
+        return not (value < -MAX_FLOATS[code] or value > MAX_FLOATS[code]) or math.isinf(value)
     low, high = INTEGER_RANGES[code]
     return bool(low <= value <= high)
 
@@ -125,8 +125,8 @@ def _check_many(field: Field, value: Any) -> bool:
     lengths = {Arity.ARRAY: f" with length {kind.capacity}", Arity.BOUNDED: f" with length <= {kind.capacity}"}
     text = f"The '{field.py_name}' field must be a set or sequence{lengths.get(kind.arity, '')} and each value of type "
     text += f"'{python.__name__}'"
-    if code in _MAX_FLOAT:
-        text += f" and each {_NOUNS[code]} in [{-_MAX_FLOAT[code]:f}, {_MAX_FLOAT[code]:f}]"
+    if code in _NOUNS:
+        text += f" and each {_NOUNS[code]} in [{-MAX_FLOATS[code]:f}, {MAX_FLOATS[code]:f}]"
     elif code:
         text += f" and each {_range_text(code).removeprefix('an ')}"
     is_sequence = isinstance(value, (Sequence, Set, UserList, array)) and not isinstance(value, (str, UserString))
@@ -144,16 +144,6 @@ _RESERVED = {"encode", "decode", "write", "read", "native", "assign", "check_fie
 """Names of fields whose storage attribute, the name with an underscore, would replace a method of the message classes.
 """
 
-IDL_NAMES = {
-    "bool": "boolean",
-    "byte": "octet",
-    "char": "uint8",
-    "float32": "float",
-    "float64": "double",
-    "idl_char": "char",
-}
-"""Names of primitives in IDL that differ from their names in .msg files."""
-
 
 def slot_name(name: str) -> str:
     """Return the name of the attribute that stores a field in a message class of rclpy's API, given the field's Python
@@ -170,7 +160,8 @@ def idl_text(kind: FieldType) -> str:
         package, _, name = kind.base.split("/")
         text = f"{package}/{name}"
     else:
-        text = IDL_NAMES.get(kind.base, kind.base) + (f"<{kind.string_bound}>" if kind.string_bound else "")
+        name = kind.base if kind.primitive is None else kind.primitive.idl
+        text = name + (f"<{kind.string_bound}>" if kind.string_bound else "")
     match kind.arity:
         case Arity.ARRAY:
             return f"{text}[{kind.capacity}]"
@@ -360,11 +351,11 @@ def _slot_type(kind: FieldType, types: Any) -> Any:
     if kind.is_message:
         package, folder, name = kind.base.split("/")
         element = types.NamespacedType([package, folder], name)
-    elif kind.is_string:
+    elif kind.primitive is not None:
+        element = types.BasicType(kind.primitive.idl)
+    else:
         suffix, bound = "WString" if kind.base == "wstring" else "String", kind.string_bound
         element = getattr(types, f"Bounded{suffix}")(bound) if bound else getattr(types, f"Unbounded{suffix}")()
-    else:
-        element = types.BasicType(IDL_NAMES.get(kind.base, kind.base))
     match kind.arity:
         case Arity.ARRAY:
             return types.Array(element, kind.capacity)

@@ -181,6 +181,8 @@ def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
 def _idl_parser() -> Lark:
     # The transformer runs while parsing: a tree would take more memory than the definitions.
     grammar = Path(__file__).with_name("idl.lark").read_text(encoding="utf-8")
+    words = {word for name in _BASES for word in name.split()}
+    grammar = grammar.replace("(?:BASE_WORDS)", f"(?:{'|'.join(sorted(words))})")
     return Lark(grammar, parser="lalr", transformer=_Idl(), maybe_placeholders=False)
 
 
@@ -301,20 +303,16 @@ class _Idl(Transformer[LarkToken, Any]):
 
 
 _BASES = {
-    "boolean": "bool",
-    "octet": "byte",
-    "char": "idl_char",
-    "wchar": "wchar",
-    "float": "float32",
-    "double": "float64",
+    # `char` of a .msg is uint8 in IDL.
+    **{primitive.idl: name for name, primitive in PRIMITIVES.items() if name != "char"},
     "short": "int16",
     "long": "int32",
     "long long": "int64",
     "unsigned short": "uint16",
     "unsigned long": "uint32",
     "unsigned long long": "uint64",
-    **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
 }
+"""Names of primitive types by their names in .idl files."""
 _MAX_TYPEDEFS = 16
 """Maximum length of a chain of typedefs, or of constants, in an .idl file, in which each refers to the next."""
 

@@ -19,7 +19,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
+from rosidl_py_gen.base.fieldtype import MSG_PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import (
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 _TYPE, _SIZE = r"[^\s/<=\[\]]+", r"[^\s<=\[\]]+"
 _END = "the end"
-_TYPES = (*(name for name in PRIMITIVES if name not in ("idl_char", "wchar")), "string", "wstring")
+_TYPES = (*MSG_PRIMITIVES, "string", "wstring")
 FOREIGN_TYPES = {
     "float": "float32 or float64",
     "double": "float64",

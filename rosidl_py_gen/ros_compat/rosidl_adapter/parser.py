@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypedDict, TypeVar
 
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, FieldType
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES, FieldType
 from rosidl_py_gen.base.names import PACKAGE_NAME
 from rosidl_py_gen.compiler.frontend import CONSTANT_NAME, LiteralProblem, file_scalar, is_interface_name, split_strings
 
@@ -33,10 +33,7 @@ ACTION_GOAL_SUFFIX = ACTION_GOAL_SERVICE_SUFFIX = "_Goal"
 ACTION_RESULT_SUFFIX = ACTION_RESULT_SERVICE_SUFFIX = "_Result"
 ACTION_FEEDBACK_SUFFIX = ACTION_FEEDBACK_MESSAGE_SUFFIX = "_Feedback"
 
-PRIMITIVE_TYPES = [
-    *("bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"),
-    *("uint64", "string", "wstring", "duration", "time"),
-]  # fmt: skip
+PRIMITIVE_TYPES = [*MSG_PRIMITIVES, "string", "wstring", "duration", "time"]
 """Names of primitive types; `duration` and `time` are types of ROS 1, and have no values."""
 
 # For programs that show them. Names are checked without them, because the last one backtracks exponentially.

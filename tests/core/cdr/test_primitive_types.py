@@ -1,41 +1,149 @@
 """Each row of `PRIMITIVES` has its converters, its form in definitions, and values that are encoded and decoded.
 
-A new type of fields fails here for each place that does not have it yet, and in tests/slow/tables/test_column_types.py.
+A new type of fields fails here for each place that does not have it yet, and in tests/slow/tables/test_column_types.py
+and tests/slow/ros_compat/test_content_filters.py.
 """
 
 from __future__ import annotations
 
+import ast
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
+from support.definition_strategies import FLOATS
+from support.interface_packages import write
+from support.rclpy_messages import hooked, rclpy_class
+from support.reference_cdr import NUMBERS
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.base.fieldtype import PRIMITIVES
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES
 from rosidl_py_gen.cdr import support
 from rosidl_py_gen.cdr.rclpy_messages import arrays
 
-ONLY_IN_IDL = {"idl_char": "char", "wchar": "wchar"}
-"""Name in .idl files of each type that .msg files do not have."""
+LISTS = {"bool": "list_of_bools", "byte": "list_of_bytes"}
+"""Functions that read sequences of rclpy's messages which are not `array.array`."""
 LINE = "=" * 80
+IDL = "module {} {{ module msg {{ struct {} {{ {} }}; }}; }};\n"
+PROTOCOL = Path(__file__).parents[3] / "docs" / "internals" / "protocol.md"
+
+
+def numpy_name(name: str) -> str:
+    return PRIMITIVES[name].numpy.rstrip("_")
+
+
+def word_of(name: str) -> str:
+    return name.title().replace("_", "")
+
+
+def value_of(name: str) -> Any:
+    return {"bool": True, "int": 100, "float": 0.5}[PRIMITIVES[name].python]
 
 
 @pytest.mark.parametrize("name", PRIMITIVES)
 def test_generated_code_finds_the_converters_of_a_type(name: str) -> None:
-    numpy_name = PRIMITIVES[name].numpy.rstrip("_") + "s"
+    plural = numpy_name(name) + "s"
     for prefix in ("", "fixed_"):
-        assert callable(getattr(support, prefix + numpy_name))
-    assert callable(getattr(arrays, f"buffer_of_{numpy_name}"))
+        assert callable(getattr(support, prefix + plural))
+    assert callable(getattr(arrays, f"buffer_of_{plural}"))
+    assert callable(getattr(arrays, LISTS.get(name, f"array_of_{plural}")))
 
 
 @pytest.mark.parametrize("name", PRIMITIVES)
-def test_fields_of_a_type_are_encoded_and_decoded(name: str) -> None:
-    primitive = PRIMITIVES[name]
-    value = {"bool": True, "int": 100, "float": 0.5}[primitive.python]
-    text = f"{name} one\n{name}[] many\n"
-    if name in ONLY_IN_IDL:
-        idl = ONLY_IN_IDL[name]
-        struct = f"struct B {{ {idl} one; sequence<{idl}> many; }};"
-        text = f"{LINE}\nIDL: a/msg/B\nmodule a {{ module msg {{ {struct} }}; }};\n"
-    message_type = compile_definition("a/msg/B", text)
-    decoded = message_type.decode(message_type(one=value, many=[value, value]).encode())
-    assert decoded.one == value and list(decoded.many) == [value, value]
-    assert decoded.many.dtype == np.dtype(primitive.numpy.rstrip("_"))
+def test_type_checkers_find_the_argument_type_and_dtype_of_a_type(name: str) -> None:
+    names: set[str] = set()
+    for node in ast.parse(Path(support.__file__).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for statement in node.body:
+                if isinstance(statement, ast.Assign):
+                    names.update(map(ast.unparse, statement.targets))
+                elif isinstance(statement, ast.AnnAssign):
+                    names.add(ast.unparse(statement.target))
+    assert {numpy_name(name).capitalize() + "s", PRIMITIVES[name].numpy.upper()} <= names | {"BOOL_"}
+
+
+FORMS = [*((name, "idl") for name in PRIMITIVES), *((name, "msg") for name in MSG_PRIMITIVES)]
+
+
+@pytest.mark.parametrize(("name", "kind"), FORMS)
+def test_fields_of_a_type_are_encoded_and_decoded(name: str, kind: str) -> None:
+    value, word, full_name = value_of(name), PRIMITIVES[name].idl, f"field_types/msg/{word_of(name)}In{kind.title()}"
+    text = f"{name} one\n{name}[] many\n{name}[2] two\n"
+    if kind == "idl":
+        package, _, struct = full_name.split("/")
+        members = f"{word} one; sequence<{word}> many; {word} two[2];"
+        text = f"{LINE}\nIDL: {full_name}\n{IDL.format(package, struct, members)}"
+    message_type = compile_definition(full_name, text)
+    decoded = message_type.decode(message_type(one=value, many=[value, value], two=[value, value]).encode())
+    assert decoded.one == value and list(decoded.many) == list(decoded.two) == [value, value]
+    assert decoded.many.dtype == decoded.two.dtype == np.dtype(numpy_name(name))
+    # The name `char` in a .msg is another spelling of uint8.
+    expected = "uint8" if (name, kind) == ("char", "idl") else name
+    assert [field.type.base for field in message_type._TYPE.fields] == [expected] * 3
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Make a package importable that has a message of rclpy's API for each type."""
+    files = {"field_types_msgs/package.xml": "<package><name>field_types_msgs</name></package>"}
+    for name, one in PRIMITIVES.items():
+        members = f"{one.idl} one; sequence<{one.idl}> many; sequence<{one.idl}, 2> few; {one.idl} two[2];"
+        files[f"field_types_msgs/msg/{word_of(name)}.idl"] = IDL.format("field_types_msgs", word_of(name), members)
+    folder = write(tmp_path_factory.mktemp("field_types"), files)
+    with hooked(message_api="rclpy", path=str(folder), override_installed=True):
+        yield
+
+
+@pytest.mark.usefixtures("packages")
+@pytest.mark.parametrize("name", PRIMITIVES)
+def test_fields_of_rclpy_messages_are_checked_encoded_and_decoded(name: str) -> None:
+    one = PRIMITIVES[name]
+    is_byte = one.idl == "octet"
+    value = b"\x05" if is_byte else value_of(name)
+    cls = rclpy_class(f"field_types_msgs/msg/{word_of(name)}")
+    assert cls.get_fields_and_field_types() == {
+        "one": one.idl,
+        "many": f"sequence<{one.idl}>",
+        "few": f"sequence<{one.idl}, 2>",
+        "two": f"{one.idl}[2]",
+    }
+    assert [kind.typename for kind in (cls.SLOT_TYPES[0], *(kind.value_type for kind in cls.SLOT_TYPES[1:]))] == [
+        one.idl
+    ] * 4
+    message = cls(one=value, many=[value] * 3, few=[value], two=[value] * 2, check_fields=True)
+    message.many, message.few, message.two = message.many, message.few, message.two  # arrays instead of lists
+    decoded = type(message).decode(message.encode())
+    assert decoded == message
+    assert [decoded.one, *decoded.many, *decoded.few, *decoded.two] == [value] * 7
+    for wrong in wrong_values(name):
+        with pytest.raises(AssertionError, match="field must be"):
+            message.one = wrong
+        for field, count in {"many": 1, "few": 2, "two": 2}.items():
+            with pytest.raises(AssertionError, match="field must be"):
+                setattr(message, field, [wrong] * count)
+    assert decoded == message
+
+
+def wrong_values(name: str) -> list[Any]:
+    """Return values that do not fit a type: a text, and the numbers that follow the minimum and maximum."""
+    one = PRIMITIVES[name]
+    if name in ("bool", "byte"):
+        return ["x", 2]
+    if one.python == "int":
+        low, high = INTEGER_RANGES[one.code]
+        return ["x", low - 1, high + 1]
+    beyond = 2 * float(np.finfo(numpy_name(name)).max)
+    return ["x"] if math.isinf(beyond) else ["x", beyond, -beyond]  # infinity is a value
+
+
+@pytest.mark.parametrize("name", PRIMITIVES)
+def test_random_definitions_and_documentation_have_each_type(name: str) -> None:
+    one = PRIMITIVES[name]
+    if name in MSG_PRIMITIVES:
+        assert NUMBERS[name] == (one.code, one.size)
+        assert (name in FLOATS) is (one.python == "float")
+    section = PROTOCOL.read_text(encoding="utf-8").partition("### 1.1 ")[2].partition("\n### 1.9")[0]
+    assert f"`{name if name in MSG_PRIMITIVES else one.idl}`" in section

@@ -6,8 +6,11 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.interface_packages import write
 from support.local_network import domain_id
 from support.program_processes import output_lines
+
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -95,6 +98,17 @@ print([matches(state, expression) for expression in expressions])
 print(matches(BatteryState(voltage=0.1), "voltage = 0.1"), matches(BatteryState(voltage=0.1), "voltage < 1e39"))
 print(matches(PointCloud2(is_dense=True), "is_dense = TRUE"), matches(Byte(data=b"\\x05"), "data = 5"))
 print(matches(BatteryState(cell_voltage=[1.0]), "cell_voltage[0] BETWEEN 1 AND 2"))
+"""
+TYPES = """
+from ast import literal_eval
+from field_types_msgs import msg
+from rclpy.impl.content_filter import ContentFilter
+from rclpy.serialization import deserialize_message, serialize_message
+
+for name, value, expression in CASES:
+    cls = getattr(msg, name)
+    message = deserialize_message(serialize_message(cls(one=literal_eval(value))), cls)  # rounds floats
+    print(name, ContentFilter(cls, expression, []).matches(message))
 """
 RECEIVE = """
 import time
@@ -213,6 +227,22 @@ print(time.process_time() - began < 5)
 
 def test_elements_of_arrays_and_rounded_floats_are_compared(tmp_path: Path) -> None:
     assert output_lines(tmp_path, ARRAYS) == ["[True, True, False, True]", "True True", "True True", "True"]
+
+
+def test_fields_of_every_primitive_type_are_compared(tmp_path: Path) -> None:
+    # Wide characters are refused like wide texts.
+    types = {name.title().replace("_", ""): one for name, one in PRIMITIVES.items() if name != "wchar"}
+    package = {"package.xml": "<package><name>field_types_msgs</name></package>"}
+    for name, one in types.items():
+        struct = f"struct {name} {{ {one.idl} one; }};"
+        package[f"msg/{name}.idl"] = f"module field_types_msgs {{ module msg {{ {struct} }}; }};"
+    write(tmp_path / "src" / "field_types_msgs", package)
+    values = {"bool": ("True", "TRUE"), "int": ("100", "100"), "float": ("0.1", "0.1")}
+    cases = [
+        (name, "b'd'" if one.idl == "octet" else values[one.python][0], f"one = {values[one.python][1]}")
+        for name, one in types.items()
+    ]
+    assert output_lines(tmp_path, TYPES.replace("CASES", repr(cases))) == [f"{name} True" for name in types]
 
 
 def test_subscription_calls_back_for_accepted_messages_only(tmp_path: Path) -> None:

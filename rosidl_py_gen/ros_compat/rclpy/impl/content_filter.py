@@ -22,10 +22,11 @@ import struct
 import threading
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy._rclpy_pybind11 import RCLError, RMWError
 from rclpy.serialization import deserialize_message
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -66,15 +67,13 @@ MIN_DEPTH = 100
 So messages of a burst that the filter refuses do not replace messages that it accepts. A larger number needs more
 memory while no executor spins.
 """
-_Kind = Literal["bool", "int", "float32", "float64", "text"]
-_KINDS: dict[str, _Kind] = {
-    "boolean": "bool",
-    "octet": "int",
-    "float": "float32",
-    "double": "float64",
+_FLOATS = {name: primitive for name, primitive in PRIMITIVES.items() if primitive.python == "float"}
+_KINDS = {
     "string": "text",
-    **dict.fromkeys(("char", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))), "int"),
+    # wchar is refused like wstring.
+    **{one.idl: name if name in _FLOATS else one.python for name, one in PRIMITIVES.items() if name != "wchar"},
 }
+"""Kinds of operands by the IDL type of a field: bool, int, text, or the name of a type of floats."""
 _ARRAY = re.compile(r"sequence<(?P<sequence>.+?)(?:, \d+)?>|(?P<array>.+)\[\d+\]")
 
 
@@ -83,7 +82,7 @@ class ContentFilterError(RCLError):
 
 
 class _Operand(NamedTuple):
-    kind: _Kind
+    kind: str
     get: Callable[[Any], Any]
     """Function that returns the operand's value for a message; None if an array of the message is too short for the
     operand's index."""
@@ -214,8 +213,12 @@ class _Parser:
     def _comparison(self, left: _Operand, name: str, right: _Operand) -> Condition:
         self._require_comparable(left.kind, right.kind)
         compare, get_left, get_right = _OPERATORS[name], left.get, right.get
-        if "float32" in (left.kind, right.kind):  # the other side is rounded, so that a field can equal 0.1
-            get_left, get_right = _rounded(left), _rounded(right)
+        floats = {_FLOATS[kind] for kind in (left.kind, right.kind) if kind in _FLOATS}
+        narrowest = min(floats, key=lambda primitive: primitive.size, default=None)
+        # A Python float has the precision of a double.
+        if narrowest is not None and narrowest.code != "d":
+            # The other side is rounded, so that a field can equal 0.1.
+            get_left, get_right = (_rounded(operand, narrowest.code) for operand in (left, right))
 
         def evaluate(message: Any) -> bool:
             one, other = get_left(message), get_right(message)
@@ -256,7 +259,7 @@ class _Parser:
 
         return matches_field
 
-    def _require_comparable(self, one: _Kind, other: _Kind) -> None:
+    def _require_comparable(self, one: str, other: str) -> None:
         families = {kind.rstrip("0123456789") for kind in (one, other)}
         if len(families) > 1 and families not in ({"bool", "int"}, {"int", "float"}):
             raise self._error(f"got a comparison of {one} with {other}; expected the same kind of values")
@@ -346,7 +349,7 @@ def _literal(token: _Token) -> _Operand | None:
     Returns None if the token is not a constant.
     """
     value: bool | int | float | str
-    kind: _Kind
+    kind: str
     if token.kind == "word" and token.text in ("TRUE", "FALSE", "true", "false"):
         kind, value = "bool", token.text.upper() == "TRUE"
     elif token.kind == "text":
@@ -376,17 +379,18 @@ def _getter(steps: Sequence[tuple[str, int | None]]) -> Callable[[Any], Any]:
     return get
 
 
-def _rounded(operand: _Operand) -> Callable[[Any], Any]:
-    """Return a function like the `get` of an operand, with its result rounded to a 32-bit float."""
-    if operand.kind == "float32":
+def _rounded(operand: _Operand, code: str) -> Callable[[Any], Any]:
+    """Return a function like the `get` of an operand, with its result rounded to the float of a struct code."""
+    if operand.kind in _FLOATS and _FLOATS[operand.kind].code == code:
         return operand.get
+    rounding = struct.Struct("<" + code)
 
     def get(message: Any) -> float | None:
         value = operand.get(message)
         if value is None:
             return None
         try:
-            rounded: float = struct.unpack("<f", struct.pack("<f", value))[0]
+            rounded: float = rounding.unpack(rounding.pack(value))[0]
         except OverflowError:
             return float("inf") if value > 0 else float("-inf")
         return rounded

@@ -4,6 +4,7 @@ It runs with the real package and with ours.
 """
 
 import json
+import re
 import sys
 
 from rosidl_adapter import parser
@@ -62,9 +63,9 @@ def described(call, *arguments):
 for line in sys.stdin:
     call, *arguments = json.loads(line)
     if call == "constants":
-        others = ("TYPE_CHECKING", "INTEGER_RANGES", "PRIMITIVES")
-        names = sorted(name for name in vars(parser) if name[0] != "_" and name.isupper() and name not in others)
-        named = {name: getattr(parser, name) for name in names}
+        # The public constants are texts, lists and patterns; the tables that ours imports are of other types.
+        constants = {name: one for name, one in sorted(vars(parser).items()) if name[0] != "_" and name.isupper()}
+        named = {name: one for name, one in constants.items() if isinstance(one, (str, list, re.Pattern))}
         result = {name: getattr(one, "pattern", one) for name, one in named.items()} | MSG_TYPE_TO_IDL
     elif call == "parse_value_string":
         try:
