@@ -122,9 +122,9 @@ class FieldType:
 
     @staticmethod
     def of_description(description: Mapping[str, Any]) -> FieldType | None:
-        """Return the type for which `description` returns this dictionary; None if the type id is unknown.
+        """Return the type with the values of a dictionary that `description` returned; None if its type id is unknown.
 
-        Other values are not checked: if no field can have them, the type has another description.
+        Capacities and the nested name are not checked.
         """
         number, capacity, bound = (description[key] for key in ("type_id", "capacity", "string_capacity"))
         base = _BASES.get(number % 48)

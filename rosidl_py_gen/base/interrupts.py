@@ -34,7 +34,7 @@ class CommandInterrupts:
 
     Attributes:
         ignores_first: the first signal raises nothing. True while `run` is active, which has its own handler and passes
-            a second signal to this handler; and after the command.
+            a second signal to this handler; after the command; and at the end of a process that ran `ignore_next`.
     """
 
     def __init__(self) -> None:
@@ -61,9 +61,9 @@ class CommandInterrupts:
 
         Raises ValueError outside of the main thread.
         """
+        signal.signal(signal.SIGINT, self)
         self.ignores_first = True
         self._first_s = None
-        signal.signal(signal.SIGINT, self)
 
     @staticmethod
     def is_same_request(elapsed_s: float) -> bool:

@@ -33,7 +33,6 @@ NESTED_CLASSES = {
     "Action": ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult"),
 }
 """Names of the classes inside a class of a service or action, by the name of its base class."""
-"""Names of the nested classes of an action class, which are also suffixes of the ROS type names."""
 _MAX_REPR_ELEMENTS = 8
 
 

@@ -270,7 +270,9 @@ def _installed() -> Iterator[Package]:
     for package in _installed_by_entry_points():
         names.add(package.name)
         yield package
-    for entry in _entries(Path(ros_package_index())):
+    index = ros_package_index()
+    note(index)
+    for entry in _entries(Path(index)) if os.path.isdir(index) else ():  # no folder, or one that cannot be reached
         folder = Path(sys.prefix, "share", entry.name)
         if entry.name not in names and PACKAGE_NAME.allows(entry.name) and holds_interfaces(folder):
             yield Package(entry.name, folder, _INSTALLED)

@@ -420,3 +420,13 @@ def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(os, "scandir", refuse)  # root, which runs CI, has all permissions
     with pytest.raises(DefinitionError, match="a_msgs/msg: the folder cannot be read: Permission denied"):
         _ = search.packages["a_msgs"].files
+
+
+def test_index_of_ros_packages_that_cannot_be_reached_is_not_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = scan_search_path().packages.keys()
+    (tmp_path / "share").mkdir()
+    (tmp_path / "share" / "ament_index").symlink_to("ament_index")
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    assert scan_search_path().packages.keys() == expected
