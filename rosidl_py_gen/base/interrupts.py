@@ -61,9 +61,13 @@ class CommandInterrupts:
 
         Raises ValueError outside of the main thread.
         """
-        signal.signal(signal.SIGINT, self)
-        self.ignores_first = True
-        self._first_s = None
+        before = self.ignores_first, self._first_s
+        self.ignores_first, self._first_s = True, None  # first, because a signal may arrive at once
+        try:
+            signal.signal(signal.SIGINT, self)
+        except ValueError:
+            self.ignores_first, self._first_s = before
+            raise
 
     @staticmethod
     def is_same_request(elapsed_s: float) -> bool:

@@ -311,7 +311,7 @@ def is_launch_file(word: str) -> bool:
     """Return True for the path of a launch file, False for the name of a package.
 
     Raises:
-        CommandError: the word is neither; a text that looks like a path names no file.
+        CommandError: the word is neither, or looks like a path and there is no such file.
     """
     if os.path.isfile(word):
         return True

@@ -11,6 +11,7 @@ from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import GENERATED_HEADER
+from rosidl_py_gen.compiler.frontend import search_path
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
@@ -426,7 +427,6 @@ def test_index_of_ros_packages_that_cannot_be_reached_is_not_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = scan_search_path().packages.keys()
-    (tmp_path / "share").mkdir()
-    (tmp_path / "share" / "ament_index").symlink_to("ament_index")
-    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    (tmp_path / "loop").symlink_to("loop")
+    monkeypatch.setattr(search_path, "ros_package_index", lambda: str(tmp_path / "loop" / "index"))
     assert scan_search_path().packages.keys() == expected
