@@ -1,7 +1,7 @@
 """Each row of `PRIMITIVES` has its converters, its form in definitions, and values that are encoded and decoded.
 
-A new type of fields fails here for each place that does not have it yet. Columns of tables and content filters follow the
-row; tests/slow/tables/test_column_types.py and tests/slow/ros_compat/test_content_filters.py check that.
+A new type of fields fails here for each place that does not have it yet. Columns of tables and content filters follow
+the row; tests/slow/tables/test_column_types.py and tests/slow/ros_compat/test_content_filters.py check that.
 """
 
 from __future__ import annotations
