@@ -36,6 +36,10 @@ class FiniteRange(click.FloatRange):
             self.fail(f"{value} is not a finite number", param, ctx)
         return number
 
+    def _describe_range(self) -> str:
+        """Return the range as click prints it in a help text; empty without limits, for which click prints None."""
+        return "" if self.min is None is self.max else super()._describe_range()
+
 
 def compile_pattern(text: str, option: str) -> re.Pattern[str]:
     """Return the compiled form of a regular expression on a command line; raises `CommandError` if it is invalid."""

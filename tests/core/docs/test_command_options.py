@@ -101,6 +101,12 @@ def test_each_command_and_its_options_are_documented(words: tuple[str, ...]) -> 
     assert long_options_in_help(ALL[words]) - named - shared == set(), page
 
 
+@pytest.mark.parametrize("words", ALL, ids=" ".join)
+def test_help_states_no_limit_that_an_option_does_not_have(words: tuple[str, ...]) -> None:
+    command = ALL[words]
+    assert "None" not in command.get_help(click.Context(command, info_name=" ".join(words)))
+
+
 def test_command_index_page_names_shared_options() -> None:
     index = prose(COMMANDS / "index.md")
     assert SHARED - named_options(index) == set()
