@@ -20,6 +20,7 @@ from support.zenoh_peer import PLAIN, PlainPublisher
 from visualization_msgs.msg import MarkerArray
 
 from rosidl_py_gen import compile_definition, type_hash
+from rosidl_py_gen.command_support.command_node import CommandNode
 from rosidl_py_gen.command_support.graph_lookup import opaque_class
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes, message_type, raw_type
@@ -96,8 +97,8 @@ async def test_opaque_subscription_receives_samples_of_lyrical_publisher(zenoh: 
     node = zenoh.node("ours")
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     await until(lambda: node.count_publishers("/bytes") > 0)
-    session: Any = type("Session", (), {"node": node})
-    subscription = node.create_subscription(opaque_class(session, "/bytes"), "/bytes", raw=True)
+    command: Any = type("Command", (), {"node": node, "announced_types": CommandNode.announced_types})()
+    subscription = node.create_subscription(opaque_class(command, "/bytes"), "/bytes", raw=True)
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
     publisher.publish(bytes_message(7))
     assert await subscription.receive(5) == bytes_message(7)
