@@ -35,4 +35,4 @@ def test_a_process_of_xacro_finds_packages_of_the_workspace(tmp_path: Path) -> N
     done = subprocess.run([*command, "name:=two"], capture_output=True, text=True, cwd=tmp_path, timeout=60)
     assert done.returncode == 0, done.stderr
     joints = parse_urdf(done.stdout)
-    assert {name: joint.origin.translation for name, joint in joints.items()} == {"left": (0, 1, 0), "right": (0, -1, 0)}
+    assert {name: one.origin.translation for name, one in joints.items()} == {"left": (0, 1, 0), "right": (0, -1, 0)}
