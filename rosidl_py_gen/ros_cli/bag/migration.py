@@ -249,20 +249,19 @@ def _field_converter(
     one, other = step.old_type.primitive, step.new_type.primitive
     if one is None or other is None or (one.python, one.code) == (other.python, other.code):
         return None
-    return _scalar(other.python, path) if is_scalar else _array(np.dtype(other.numpy), other.code, path)
+    dtype = np.dtype(other.numpy)
+    if not is_scalar:
+        return _array(dtype, other.code, path)
+    return int if other.python == "int" else _real(dtype, path)  # the range of an int is checked by encoding
 
 
-def _scalar(kind: str, path: str) -> Converter:
-    if kind == "int":  # its range is looked at when it is encoded
-        return int
+def _real(dtype: np.dtype[Any], path: str) -> Converter:
+    def convert(value: Any) -> float:
+        if isinstance(value, int) and int(dtype.type(value)) != value:
+            raise EncodeError(path, f"{value} cannot be represented exactly as {dtype}")
+        return float(value)
 
-    def real(value: Any) -> float:
-        array = float(value)
-        if isinstance(value, int) and array != value:
-            raise EncodeError(path, f"{value} cannot be represented exactly as a float")
-        return array
-
-    return real
+    return convert
 
 
 def _array(dtype: np.dtype[Any], code: str, path: str) -> Converter:
@@ -280,8 +279,9 @@ def _array(dtype: np.dtype[Any], code: str, path: str) -> Converter:
             if array.dtype.kind == "f":
                 is_right = np.isinf(converted) == np.isinf(array)
             else:
-                # As Python's numbers where they are large: numpy would compare both as floating point.
-                is_right = converted.astype(object) == array.astype(object) if array.dtype.itemsize > 2 else True
+                # As Python's numbers where they may be rounded: numpy would compare both as floating point.
+                is_exact = array.dtype.itemsize < dtype.itemsize
+                is_right = True if is_exact else converted.astype(object) == array.astype(object)
         if not np.all(is_right):
             raise EncodeError(path, f"has values that {dtype} cannot represent")
         return converted

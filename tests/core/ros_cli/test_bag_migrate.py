@@ -168,7 +168,8 @@ def test_migrate_reports_all_incompatible_fields_before_writing(migrate: Run, ba
 
 VALUES = [
     ("int64 a", "int8 a", {"a": 200}, "a"),
-    ("int64 a", "float64 a", {"a": 2**53 + 1}, "a: 9007199254740993 cannot be represented exactly as a float"),
+    ("int64 a", "float64 a", {"a": 2**53 + 1}, "a: 9007199254740993 cannot be represented exactly as float64"),
+    ("int32 a", "float32 a", {"a": 2**24 + 1}, "a: 16777217 cannot be represented exactly as float32"),
     ("float64 a", "float32 a", {"a": 1e300}, "a"),
     ("string a", "string<=2 a", {"a": "abc"}, "a"),
     ("int8[] a", "int8[2] a", {"a": [1]}, "a"),
