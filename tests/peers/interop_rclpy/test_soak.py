@@ -146,7 +146,8 @@ class Soak:
         name = fresh("mortal")
         client = self.ours.create_client(self.trigger, name)
         while not self.is_over:
-            dead = servers_of(client)  # until its lease ends nobody knows, and a request may go to it alone
+            # A killed server counts until its lease ends, and a request may go to that server alone.
+            dead = servers_of(client)
             peer = start_mortal("mortal")
             await peer.do("serve", name=name, type=TRIGGER, how="trigger", note="alive")
             await peer.do("client", name=self.names["ours_mortal"], type=BASIC)
