@@ -28,6 +28,7 @@ from rclpy.qos import (
 from rclpy.subscription import Subscription
 from rosidl_py_gen.runtime.qos import ENUMS as _ENUMS
 from rosidl_py_gen.runtime.qos import PERIODS as _PERIODS
+from rosidl_py_gen.runtime.qos import POLICIES as _POLICIES
 
 if TYPE_CHECKING:
     from rclpy.node import BaseNode
@@ -37,6 +38,7 @@ QosCallbackType = Callable[[QoSProfile], Any]
 """Type of a function that takes a QoS profile and returns a result with `successful` and `reason`."""
 QoSProfileAttributes = HistoryPolicy | int | ReliabilityPolicy | DurabilityPolicy | LivelinessPolicy | Duration | bool
 """Type alias for the values of QoS policies."""
+_PUBLISHER_POLICIES = tuple(policy.kind for policy in _POLICIES if policy.is_for_publishers)
 
 
 class InvalidQosOverridesError(Exception):
@@ -88,7 +90,7 @@ def _declare_qos_parameters(
     suffix = "" if options.entity_id is None else f"_{options.entity_id}"
     subject = f"for {kind} `{topic_name}` with id `{options.entity_id}`"
     for policy in options.policy_kinds:
-        if policy == QoSPolicyKind.LIFESPAN and kind == "subscription":
+        if policy in _PUBLISHER_POLICIES and kind == "subscription":
             continue
         field = policy.name.lower()
         name = f"qos_overrides.{topic_name}.{kind}{suffix}.{field}"

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum, auto
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError, printable
@@ -87,23 +87,98 @@ class QoSPolicyKind(IntEnum):
     AVOID_ROS_NAMESPACE_CONVENTIONS = 512
 
 
-@dataclass(frozen=True, slots=True)
-class Policy:
-    """QoS policy as a field of `QoSProfile`: its names, and the kind of its value.
+class OrderRule(NamedTuple):
+    """Matching rule of an enum: the weakest offer and the strictest request are incompatible.
+
+    Attributes:
+        weakest: weakest offer.
+        strictest: strictest request.
+        incompatible: text about the weakest offer and the strictest request.
+        both_undetermined: text about two undetermined values, with two places for their names.
+        offer_undetermined: text about an undetermined offer and the strictest request, with a place for the offer.
+        request_undetermined: text about the weakest offer and an undetermined request, with a place for the request.
+    """
+
+    weakest: IntEnum
+    strictest: IntEnum
+    incompatible: str
+    both_undetermined: str
+    offer_undetermined: str
+    request_undetermined: str
+
+    def mismatch(self, offer: IntEnum, request: IntEnum) -> str:
+        """Return a text if the two values are incompatible; else an empty text."""
+        return self.incompatible if offer is self.weakest and request is self.strictest else ""
+
+    def possible_mismatch(self, offer: IntEnum, request: IntEnum) -> str:
+        """Return a text if an undetermined value may be incompatible with the other value; else an empty text."""
+        offer_name, request_name = offer.name, request.name
+        if offer_name in _UNDETERMINED and request_name in _UNDETERMINED:
+            return self.both_undetermined.format(offer_name.lower(), request_name.lower())
+        if offer_name in _UNDETERMINED and request is self.strictest:
+            return self.offer_undetermined.format(offer_name.lower())
+        if request_name in _UNDETERMINED and offer is self.weakest:
+            return self.request_undetermined.format(request_name.lower())
+        return ""
+
+
+_UNDETERMINED = ("SYSTEM_DEFAULT", "UNKNOWN")
+"""Names of policy values that are undetermined: the middleware chooses a value in their place, or they were not
+discovered."""
+
+
+class DurationRule(NamedTuple):
+    """Matching rule of a duration: a request must not be shorter than the offer.
+
+    Attributes:
+        absent: text about a request without an offer.
+        shorter: text about a request that is shorter than the offer.
+    """
+
+    absent: str
+    shorter: str
+
+    def mismatch(self, offer_ns: int, request_ns: int) -> str:
+        """Return a text if the two durations are incompatible; else an empty text."""
+        if request_ns in _ENDLESS:
+            return ""
+        if offer_ns in _ENDLESS:
+            return self.absent
+        return self.shorter if request_ns < offer_ns else ""
+
+
+_ENDLESS = (UNSPECIFIED_NS, INFINITE_NS)
+
+
+class Policy(NamedTuple):
+    """QoS policy as a field of `QoSProfile`: its names, the kind of its value, its matching rule and its form in DDS.
 
     Attributes:
         field: field of `QoSProfile`; a field that ends with ``_ns`` is a duration.
         rmw_name: name in rmw, in rclpy and in the files of rosbag2.
+        kind: number in rmw.
+        unset: value that discovery reports for a policy that an endpoint leaves to the middleware or does not have.
         label: name in texts for people; empty for a policy that has no line of its own in these texts.
         enum: enum class of the values; None for numbers and flags.
         limits: smallest and largest value of a number; None for others.
+        rule: rule by which an offer matches a request; None if the policy does not influence matching.
+        dds: name in the functions of Cyclone, such as ``dds_qset_history``; empty if DDS does not have the policy.
+            Policies with the same name are one policy of DDS, and the parameters of its functions in this order.
+        dds_values: members of `enum` in the order of their numbers in DDS; None for a number that ROS does not have.
+        is_for_publishers: True if subscriptions do not have the policy.
     """
 
     field: str
     rmw_name: str
+    kind: QoSPolicyKind
+    unset: int
     label: str = ""
     enum: type[IntEnum] | None = None
     limits: tuple[int, int] | None = None
+    rule: OrderRule | DurationRule | None = None
+    dds: str = ""
+    dds_values: tuple[IntEnum | None, ...] = ()
+    is_for_publishers: bool = False
 
     @property
     def is_period(self) -> bool:
@@ -115,23 +190,127 @@ class Policy:
         """Return True if the value is True or False."""
         return self.enum is None and self.limits is None and not self.is_period
 
+    def is_announced(self, *, is_writer: bool) -> bool:
+        """Return True if writers or readers of DDS have the policy and announce it."""
+        return bool(self.dds) and (is_writer or not self.is_for_publishers)
+
 
 POLICIES = (
-    Policy("reliability", "reliability", "Reliability", Reliability),
-    Policy("history", "history", "History (Depth)", History),
-    Policy("depth", "depth", limits=(0, MAX_DEPTH)),
-    Policy("durability", "durability", "Durability", Durability),
-    Policy("lifespan_ns", "lifespan", "Lifespan"),
-    Policy("deadline_ns", "deadline", "Deadline"),
-    Policy("liveliness", "liveliness", "Liveliness", Liveliness),
-    Policy("liveliness_lease_ns", "liveliness_lease_duration", "Liveliness lease duration"),
-    Policy("avoid_ros_namespace_conventions", "avoid_ros_namespace_conventions"),
+    Policy(
+        "reliability",
+        "reliability",
+        QoSPolicyKind.RELIABILITY,
+        Reliability.RELIABLE,
+        "Reliability",
+        enum=Reliability,
+        rule=OrderRule(
+            Reliability.BEST_EFFORT,
+            Reliability.RELIABLE,
+            "Best effort publisher and reliable subscription",
+            "Publisher reliability is {} and subscription reliability is {}",
+            "Reliable subscription, but publisher is {}",
+            "Best effort publisher, but subscription is {}",
+        ),
+        dds="reliability",
+        dds_values=(Reliability.BEST_EFFORT, Reliability.RELIABLE),
+    ),
+    Policy(
+        "history",
+        "history",
+        QoSPolicyKind.HISTORY,
+        History.KEEP_LAST,
+        "History (Depth)",
+        enum=History,
+        dds="history",
+        dds_values=(History.KEEP_LAST, History.KEEP_ALL),
+    ),
+    Policy("depth", "depth", QoSPolicyKind.DEPTH, 1, limits=(0, MAX_DEPTH), dds="history"),
+    Policy(
+        "durability",
+        "durability",
+        QoSPolicyKind.DURABILITY,
+        Durability.VOLATILE,
+        "Durability",
+        enum=Durability,
+        rule=OrderRule(
+            Durability.VOLATILE,
+            Durability.TRANSIENT_LOCAL,
+            "Volatile publisher and transient local subscription",
+            # "durabilty" is how rmw spells it, and tools compare texts.
+            "Publisher durabilty is {} and subscription durability is {}",
+            "Transient local subscription, but publisher is {}",
+            "Volatile publisher, but subscription is {}",
+        ),
+        dds="durability",
+        dds_values=(Durability.VOLATILE, Durability.TRANSIENT_LOCAL),
+    ),
+    Policy(
+        "lifespan_ns",
+        "lifespan",
+        QoSPolicyKind.LIFESPAN,
+        INFINITE_NS,
+        "Lifespan",
+        dds="lifespan",
+        is_for_publishers=True,
+    ),
+    Policy(
+        "deadline_ns",
+        "deadline",
+        QoSPolicyKind.DEADLINE,
+        INFINITE_NS,
+        "Deadline",
+        rule=DurationRule(
+            "Subscription has a deadline, but publisher does not",
+            "Subscription deadline is less than publisher deadline",
+        ),
+        dds="deadline",
+    ),
+    Policy(
+        "liveliness",
+        "liveliness",
+        QoSPolicyKind.LIVELINESS,
+        Liveliness.AUTOMATIC,
+        "Liveliness",
+        enum=Liveliness,
+        rule=OrderRule(
+            Liveliness.AUTOMATIC,
+            Liveliness.MANUAL_BY_TOPIC,
+            "Publisher's liveliness is automatic and subscription's is manual by topic",
+            "Publisher liveliness is {} and subscription liveliness is {}",
+            "Subscription's liveliness is manual by topic, but publisher's is {}",
+            "Publisher's liveliness is automatic, but subscription's is {}",
+        ),
+        dds="liveliness",
+        dds_values=(Liveliness.AUTOMATIC, None, Liveliness.MANUAL_BY_TOPIC),
+    ),
+    Policy(
+        "liveliness_lease_ns",
+        "liveliness_lease_duration",
+        QoSPolicyKind.LIVELINESS_LEASE_DURATION,
+        INFINITE_NS,
+        "Liveliness lease duration",
+        rule=DurationRule(
+            "Subscription has a liveliness lease duration, but publisher does not",
+            "Subscription liveliness lease duration is less than publisher",
+        ),
+        dds="liveliness",
+    ),
+    Policy(
+        "avoid_ros_namespace_conventions",
+        "avoid_ros_namespace_conventions",
+        QoSPolicyKind.AVOID_ROS_NAMESPACE_CONVENTIONS,
+        False,
+    ),
 )
-"""All policies, in the order of ``ros2 topic info --verbose``.
+"""All policies, in the order of ``ros2 topic info --verbose``, which is also the order in which DDS checks them.
 
-Checks of a profile, files of rosbag2, texts and the rclpy layer follow this table. The middlewares do not: each has its
-own form for a policy. CONTRIBUTING.md has the steps to add one.
+Checks of a profile, `effective`, matching, DDS, files of rosbag2, texts and the rclpy layer follow this table. Zenoh
+does not: its form is the form of rmw_zenoh. CONTRIBUTING.md has the steps to add a policy.
 """
+DDS_POLICIES: dict[str, tuple[Policy, ...]] = {
+    policy.dds: tuple(other for other in POLICIES if other.dds == policy.dds) for policy in POLICIES if policy.dds
+}
+"""Policies of ROS that DDS has, by the name of the policy in DDS."""
 ENUMS = {policy.field: policy.enum for policy in POLICIES if policy.enum is not None}
 """Enum classes of QoS policies, by the field of `QoSProfile` that has a member of the enum as value."""
 PERIODS = {policy.field: policy.rmw_name for policy in POLICIES if policy.is_period}
@@ -316,19 +495,35 @@ def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
 
     Source: docs/internals/protocol.md 6.4, 7.3 (unspecified durations are infinite, a reader has no lifespan).
     """
-    keep_all = qos.history is History.KEEP_ALL
-    return replace(
-        qos,
-        history=History.KEEP_ALL if keep_all else History.KEEP_LAST,
-        depth=0 if keep_all else max(1, qos.depth),
-        reliability=qos.reliability if qos.reliability is Reliability.BEST_EFFORT else Reliability.RELIABLE,
-        durability=qos.durability if qos.durability is Durability.TRANSIENT_LOCAL else Durability.VOLATILE,
-        liveliness=qos.liveliness if qos.liveliness is Liveliness.MANUAL_BY_TOPIC else Liveliness.AUTOMATIC,
-        deadline_ns=qos.deadline_ns or INFINITE_NS,
-        lifespan_ns=(is_writer and qos.lifespan_ns) or INFINITE_NS,
-        liveliness_lease_ns=qos.liveliness_lease_ns or INFINITE_NS,
-        avoid_ros_namespace_conventions=False,
+    values: dict[str, Any] = dict(_NOT_ANNOUNCED[is_writer])
+    for field, open_values, unset in _ANNOUNCED[is_writer]:
+        value = getattr(qos, field)
+        values[field] = unset if value in open_values else value
+    values["depth"] = 0 if values["history"] is History.KEEP_ALL else max(1, qos.depth)
+    return QoSProfile(**values)
+
+
+def _open_values(policy: Policy) -> tuple[int, ...]:
+    if policy.enum is not None:
+        return tuple(member for member in policy.enum if member not in policy.dds_values)
+    return (UNSPECIFIED_NS,) if policy.is_period else ()
+
+
+_ANNOUNCED = tuple(
+    tuple(
+        (policy.field, _open_values(policy), policy.unset)
+        for policy in POLICIES
+        if policy.is_announced(is_writer=is_writer)
     )
+    for is_writer in (False, True)
+)
+"""Policies that a reader, and a writer, announces: the field, the values that leave the choice to the middleware, and
+the value that discovery reports for those."""
+_NOT_ANNOUNCED = tuple(
+    {policy.field: policy.unset for policy in POLICIES if not policy.is_announced(is_writer=is_writer)}
+    for is_writer in (False, True)
+)
+"""Values that discovery reports for the policies that a reader, and a writer, does not announce."""
 
 
 # -------------------------------------------------------------------------------------------------------- compatibility
@@ -381,84 +576,27 @@ def check_compatible(offered: QoSProfile, requested: QoSProfile) -> Compatibilit
 
 def _mismatches(offered: QoSProfile, requested: QoSProfile) -> list[tuple[QoSPolicyKind, str]]:
     mismatches = []
-    if offered.reliability is Reliability.BEST_EFFORT and requested.reliability is Reliability.RELIABLE:
-        mismatches.append((QoSPolicyKind.RELIABILITY, "Best effort publisher and reliable subscription"))
-    if offered.durability is Durability.VOLATILE and requested.durability is Durability.TRANSIENT_LOCAL:
-        mismatches.append((QoSPolicyKind.DURABILITY, "Volatile publisher and transient local subscription"))
-    deadline = _duration_mismatch(
-        offered.deadline_ns,
-        requested.deadline_ns,
-        "Subscription has a deadline, but publisher does not",
-        "Subscription deadline is less than publisher deadline",
-    )
-    mismatches += [(QoSPolicyKind.DEADLINE, text) for text in deadline]
-    if offered.liveliness is Liveliness.AUTOMATIC and requested.liveliness is Liveliness.MANUAL_BY_TOPIC:
-        text = "Publisher's liveliness is automatic and subscription's is manual by topic"
-        mismatches.append((QoSPolicyKind.LIVELINESS, text))
-    lease = _duration_mismatch(
-        offered.liveliness_lease_ns,
-        requested.liveliness_lease_ns,
-        "Subscription has a liveliness lease duration, but publisher does not",
-        "Subscription liveliness lease duration is less than publisher",
-    )
-    return mismatches + [(QoSPolicyKind.LIVELINESS, text) for text in lease]
-
-
-def _duration_mismatch(offered_ns: int, requested_ns: int, absent: str, shorter: str) -> list[str]:
-    open_ended = (UNSPECIFIED_NS, INFINITE_NS)
-    if requested_ns in open_ended:
-        return []
-    if offered_ns in open_ended:
-        return [absent]
-    return [shorter] if requested_ns < offered_ns else []
-
-
-_POSSIBLE_MISMATCHES = (
-    (
-        "reliability",
-        Reliability.BEST_EFFORT,
-        Reliability.RELIABLE,
-        "Publisher reliability is {} and subscription reliability is {}",
-        "Reliable subscription, but publisher is {}",
-        "Best effort publisher, but subscription is {}",
-    ),
-    (
-        "durability",
-        Durability.VOLATILE,
-        Durability.TRANSIENT_LOCAL,
-        # "durabilty" is how rmw spells it, and tools compare texts.
-        "Publisher durabilty is {} and subscription durability is {}",
-        "Transient local subscription, but publisher is {}",
-        "Volatile publisher, but subscription is {}",
-    ),
-    (
-        "liveliness",
-        Liveliness.AUTOMATIC,
-        Liveliness.MANUAL_BY_TOPIC,
-        "Publisher liveliness is {} and subscription liveliness is {}",
-        "Subscription's liveliness is manual by topic, but publisher's is {}",
-        "Publisher's liveliness is automatic, but subscription's is {}",
-    ),
-)
-"""Possible QoS mismatches, each with the policy, the weakest offer, the strictest request, and three texts.
-
-The texts are for three cases: both values are undetermined, only the offer, or only the request.
-"""
-_UNDETERMINED = ("SYSTEM_DEFAULT", "UNKNOWN")
-"""Names of policy values that are undetermined: the middleware chooses a value in their place, or they were not
-discovered."""
+    for field, kind, mismatch in _RULES:
+        if text := mismatch(getattr(offered, field), getattr(requested, field)):
+            mismatches.append((kind, text))
+    return mismatches
 
 
 def _possible_mismatches(offered: QoSProfile, requested: QoSProfile) -> Iterator[str]:
-    for policy, weakest, strictest, both_text, offer_text, request_text in _POSSIBLE_MISMATCHES:
-        offer, request = getattr(offered, policy), getattr(requested, policy)
-        names = offer.name.lower(), request.name.lower()
-        if offer.name in _UNDETERMINED and request.name in _UNDETERMINED:
-            yield both_text.format(*names)
-        elif offer.name in _UNDETERMINED and request is strictest:
-            yield offer_text.format(names[0])
-        elif request.name in _UNDETERMINED and offer is weakest:
-            yield request_text.format(names[1])
+    for field, possible_mismatch in _ORDER_RULES:
+        if text := possible_mismatch(getattr(offered, field), getattr(requested, field)):
+            yield text
+
+
+_RULES = tuple(
+    (policy.field, DDS_POLICIES[policy.dds][0].kind, policy.rule.mismatch)
+    for policy in POLICIES
+    if policy.rule is not None
+)
+"""Matching rules, each with the field of `QoSProfile` and the kind of the policy of DDS that the field belongs to."""
+_ORDER_RULES = tuple(
+    (policy.field, policy.rule.possible_mismatch) for policy in POLICIES if isinstance(policy.rule, OrderRule)
+)
 
 
 def describe_policies(*, theirs: QoSProfile, ours: QoSProfile, policies: Iterable[str]) -> str:
@@ -476,13 +614,10 @@ def describe_policies(*, theirs: QoSProfile, ours: QoSProfile, policies: Iterabl
     return "; ".join(texts)
 
 
-_FIELDS = {
-    "reliability": ("reliability",),
-    "durability": ("durability",),
-    "deadline": ("deadline_ns",),
-    "liveliness": ("liveliness", "liveliness_lease_ns"),
-}
-"""Names of the fields of `QoSProfile` for each QoS policy, by the policy's lower-case name."""
+_FIELDS: dict[str, list[str]] = {}
+"""Names of the fields of `QoSProfile` for each QoS policy that influences matching, by the policy's lower-case name."""
+for _field, _kind, _ in _RULES:
+    _FIELDS.setdefault(_kind.name.lower(), []).append(_field)
 
 
 def _value_text(value: IntEnum | int) -> str:
@@ -553,8 +688,7 @@ def _best_duration(publisher: bool, peers_ns: Sequence[int]) -> int:
 
 
 def _replace_best_available(profile: QoSProfile, best: QoSProfile) -> QoSProfile:
-    names = ("reliability", "durability", "deadline_ns", "liveliness", "liveliness_lease_ns")
-    replaced = [name for name in names if getattr(profile, name) == getattr(BEST_AVAILABLE, name)]
+    replaced = [name for name, _, _ in _RULES if getattr(profile, name) == getattr(BEST_AVAILABLE, name)]
     return replace(profile, **{name: getattr(best, name) for name in replaced})
 
 

@@ -25,7 +25,7 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.errors import ClosedError
@@ -45,12 +45,13 @@ from rosidl_py_gen.runtime.transport.cyclone.library import (
     CycloneApi,
     address_of,
     pack_iov,
+    qos_letter,
 )
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at, payload_array
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.latch import Latch
 from rosidl_py_gen.runtime.transport.middleware_threads import ReadyItems
-from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
+from rosidl_py_gen.runtime.transport.qos import DDS_POLICIES, Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
@@ -436,12 +437,6 @@ class CycloneReader(_CycloneEndpoint):
 
 # ------------------------------------------------------------------------------------------------------------------ QoS
 
-_Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
-_HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
-_DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
-_RELIABILITY = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
-_LIVELINESS = {Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_TOPIC: 2}
-"""Numbers of the liveliness kinds in Cyclone; other dicts of this module have the numbers of the other policies."""
 _UNLIMITED = -1
 _XCDR1 = (ct.c_int16 * 1)(0)
 
@@ -468,27 +463,74 @@ def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes,
         api.delete_qos(qos)
 
 
+_POLICIES = tuple(policy for policies in DDS_POLICIES.values() for policy in policies)
+"""Policies of ROS that DDS has."""
+_FIELDS = tuple(policy.field for policy in _POLICIES)
+_DDS_VALUES = tuple((policy.field, policy.dds_values) for policy in _POLICIES if policy.enum)
+_MEMBERS = tuple(
+    (
+        policy.field,
+        {number: member for number, member in enumerate(policy.dds_values) if member is not None},
+        policy.enum["UNKNOWN"],
+    )
+    for policy in _POLICIES
+    if policy.enum
+)
+"""Members of enums by number in DDS, each with the field and the member for other numbers."""
+_LIMITS = tuple((policy.field, *policy.limits) for policy in _POLICIES if policy.limits)
+_MORE_ARGUMENTS = {"reliability": (_MAX_BLOCKING_NS,)}
+"""Values of policies of DDS that are not policies of ROS."""
+# One block of memory and one `unpack` take less time than an object of ctypes for each value.
+_CELL_BYTES = 8
+_CELL_FORMATS = {"i": "i4x", "b": "?7x", "l": "q"}
+"""Formats of `struct` for cells of 8 bytes, by the letter of the C type."""
+_CELLS = struct.Struct(f"={''.join(_CELL_FORMATS[qos_letter(policy)] for policy in _POLICIES)}")
+"""Format of the values of `_POLICIES`, each in a cell that Cyclone writes."""
+_DEFAULT_CELLS = _CELLS.pack(*(0 if policy.enum else policy.unset for policy in _POLICIES)) + bytes(_CELL_BYTES)
+"""Cells with the defaults of DDS, whose enums have number 0, and a last cell for a value that is not a policy of ROS.
+"""
+_CellBlock: type[ct.Array[ct.c_char]] = ct.c_char * len(_DEFAULT_CELLS)
+
+
+def _calls(is_writer: bool) -> Iterator[tuple[str, tuple[str, ...], tuple[int, ...]]]:
+    for name, policies in DDS_POLICIES.items():
+        if policies[0].is_announced(is_writer=is_writer):
+            yield name, tuple(policy.field for policy in policies), _MORE_ARGUMENTS.get(name, ())
+
+
+_SETTERS = tuple(
+    tuple((f"qset_{name}", fields, more) for name, fields, more in _calls(is_writer)) for is_writer in (False, True)
+)
+"""Functions that set the policies of a reader, and of a writer, with the fields and values of their arguments."""
+_GETTERS = tuple(
+    tuple(
+        (f"qget_{name}", [_CELL_BYTES * _FIELDS.index(field) for field in fields] + [_CELLS.size for _ in more])
+        for name, fields, more in _calls(is_writer)
+    )
+    for is_writer in (False, True)
+)
+"""Functions that read the policies of a reader, and of a writer, with the offsets of the cells of their arguments."""
+
+
 @contextmanager
 def endpoint_qos(api: CycloneApi, spec: EndpointSpec, *, is_writer: bool) -> Iterator[int]:
     """Yield a Cyclone QoS object for a writer or reader; `spec.qos` must be a result of `effective`."""
-    profile, history = spec.qos, _HISTORY[spec.qos.history]
-    depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
+    profile = spec.qos
     ids = {"client_id": spec.client_id, "service_id": spec.service_id, "service_hash": spec.service_hash}
     user_data = endpoint_user_data(spec.type_hash, **ids)
     with new_qos(api, user_data) as qos:
-        api.qset_history(qos, history, depth)
-        api.qset_reliability(qos, _RELIABILITY[profile.reliability], _MAX_BLOCKING_NS)
-        api.qset_durability(qos, _DURABILITY[profile.durability])
+        values = {field: getattr(profile, field) for field in _FIELDS}
+        for field, members in _DDS_VALUES:
+            values[field] = members.index(values[field])
+        values["depth"] = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
+        for setter, fields, more in _SETTERS[is_writer]:
+            getattr(api, setter)(qos, *[values[field] for field in fields], *more)
         if profile.durability is Durability.TRANSIENT_LOCAL:
-            api.qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
-        if profile.deadline_ns != INFINITE_NS:
-            api.qset_deadline(qos, profile.deadline_ns)
-        api.qset_liveliness(qos, _LIVELINESS[profile.liveliness], profile.liveliness_lease_ns)
+            limits = (_UNLIMITED, _UNLIMITED, _UNLIMITED)
+            api.qset_durability_service(qos, 0, values["history"], values["depth"], *limits)
         api.qset_data_representation(qos, 1, _XCDR1)
         if is_writer:
             api.qset_writer_data_lifecycle(qos, False)
-            if profile.lifespan_ns != INFINITE_NS:
-                api.qset_lifespan(qos, profile.lifespan_ns)
         if api.qset_psmx_instances is not None:
             api.qset_psmx_instances(qos, 0, None)
         if spec.ignore_local:
@@ -523,33 +565,16 @@ def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
 
 def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
     """Return the ROS profile in the QoS object of a discovered endpoint; a missing policy has the default of DDS."""
-    kind, depth, lease, period = ct.c_int(), ct.c_int32(), ct.c_int64(INFINITE_NS), ct.c_int64()
-
-    def number_of(policy: str, *others: object) -> int:
-        kind.value = 0  # the default of DDS for each policy
-        getattr(api, f"qget_{policy}")(qos, ct.byref(kind), *others)
-        return kind.value
-
-    def period_of(policy: str) -> int:
-        period.value = INFINITE_NS
-        getattr(api, f"qget_{policy}")(qos, ct.byref(period))
-        return period.value
-
-    history = _policy(_HISTORY, number_of("history", ct.byref(depth)), History.KEEP_LAST)
-    return QoSProfile(
-        history=history,
-        depth=0 if history is History.KEEP_ALL else max(1, depth.value),
-        reliability=_policy(_RELIABILITY, number_of("reliability", ct.byref(period)), Reliability.BEST_EFFORT),
-        durability=_policy(_DURABILITY, number_of("durability"), Durability.UNKNOWN),
-        deadline_ns=period_of("deadline"),
-        lifespan_ns=period_of("lifespan") if is_writer else INFINITE_NS,
-        liveliness=_policy(_LIVELINESS, number_of("liveliness", ct.byref(lease)), Liveliness.UNKNOWN),
-        liveliness_lease_ns=lease.value,
-    )
-
-
-def _policy(numbers: Mapping[_Policy, int], number: int, default: _Policy) -> _Policy:
-    return next((policy for policy, policy_number in numbers.items() if policy_number == number), default)
+    cells = _CellBlock.from_buffer_copy(_DEFAULT_CELLS)
+    for getter, offsets in _GETTERS[is_writer]:
+        getattr(api, getter)(qos, *[_by_reference(cells, offset) for offset in offsets])
+    values: dict[str, Any] = dict(zip(_FIELDS, _CELLS.unpack_from(cells), strict=True))
+    for field, members, unknown in _MEMBERS:
+        values[field] = members.get(values[field], unknown)
+    for field, lowest, highest in _LIMITS:  # which peers do not know
+        values[field] = min(max(values[field], lowest), highest)
+    values["depth"] = 0 if values["history"] is History.KEEP_ALL else max(1, values["depth"])
+    return QoSProfile(**values)
 
 
 # --------------------------------------------------------------------------------------------------------- wake-up pipe

@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.transport.api import BackendMissingError, DiscoveryRange, DomainSettings, TransportError
+from rosidl_py_gen.runtime.transport.qos import DDS_POLICIES, Policy
 
 _set_handler = import_module("_signal").signal
 """Function that sets a signal handler: `signal.signal` without its Python wrapper, which would cost 7 us for each
@@ -157,19 +158,31 @@ _FUNCTIONS = {
     "s:i": "dds_strretcode",
     "p:": "dds_create_qos",
     "-:psz": "dds_qset_userdata",
-    "-:pii": "dds_qset_history",
-    "-:pi": "dds_qset_durability dds_qset_ignorelocal",
+    "-:pi": "dds_qset_ignorelocal",
     "-:pliiiii": "dds_qset_durability_service",
-    "-:pil": "dds_qset_reliability dds_qset_liveliness",
-    "-:pl": "dds_qset_lifespan dds_qset_deadline",
     "-:pb": "dds_qset_writer_data_lifecycle",
     "-:pup": "dds_qset_data_representation",
     "-:pss": "dds_qset_prop",
-    "b:ppp": "dds_qget_userdata dds_qget_history dds_qget_reliability dds_qget_liveliness",
+    "b:ppp": "dds_qget_userdata",
     "b:psp": "dds_qget_prop",
-    "b:pp": "dds_qget_durability dds_qget_lifespan dds_qget_deadline",
 }
 """C functions by signature in letters of `_KINDS`. Calls release the GIL, because a DDS call may block."""
+
+
+def qos_letter(policy: Policy) -> str:
+    """Return the letter of `_KINDS` for the value of a QoS policy in a QoS object."""
+    return "l" if policy.is_period else "b" if policy.is_flag else "i"
+
+
+_MORE_QOS_LETTERS = {"reliability": "l"}
+"""Letters of the values of policies of DDS that are not policies of ROS: the maximum blocking time of a write."""
+for _name, _policies in DDS_POLICIES.items():
+    _letters = "".join(map(qos_letter, _policies)) + _MORE_QOS_LETTERS.get(_name, "")
+    for _text, _function_name in (
+        (f"-:p{_letters}", f"dds_qset_{_name}"),
+        (f"b:p{'p' * len(_letters)}", f"dds_qget_{_name}"),
+    ):
+        _FUNCTIONS[_text] = f"{_FUNCTIONS.get(_text, '')} {_function_name}"
 _WITH_GIL = {
     "p:pizpz": "ddsi_serdata_from_ser_iov",
     "p:pzzp": "ddsi_serdata_to_ser_ref",

@@ -1,10 +1,12 @@
-"""Each policy of `QoSProfile` has a row in `POLICIES`, and a form in both middlewares and in bags.
+"""Each policy of `QoSProfile` has a row in `POLICIES`, which states its number, its matching rule and its form in DDS.
 
-A new policy fails here for each place that does not have it; tests/slow/ros_compat/test_qos_policies.py is about rclpy.
+A new policy fails here for each place that does not have it, also in Zenoh and in bags;
+tests/slow/ros_compat/test_qos_policies.py is about rclpy.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -19,6 +21,7 @@ from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.qos import (
     DEFAULT,
     POLICIES,
+    SYSTEM_DEFAULT,
     Durability,
     History,
     InvalidQoSError,
@@ -26,6 +29,7 @@ from rosidl_py_gen.runtime.transport.qos import (
     QoSPolicyKind,
     QoSProfile,
     Reliability,
+    check_compatible,
     effective,
 )
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import qos_text, read_qos
@@ -54,6 +58,9 @@ METHODS: dict[str, Callable[[QoSProfile], QoSProfile]] = {
     "avoid_ros_namespace_conventions": QoSProfile.no_ros_prefix,
 }
 """A method of profiles that gives each policy its changed value."""
+MATCHED = {"reliability", "durability", "deadline_ns", "liveliness", "liveliness_lease_ns"}
+"""Policies that keep a publisher and a subscription from matching."""
+FOR_PUBLISHERS = {"lifespan_ns"}
 ANNOUNCED = sorted(CHANGED.keys() - {"avoid_ros_namespace_conventions"})  # which is a matter of the topic's name
 BAG_PROFILE = replace(DEFAULT, **{field: CHANGED[field] for field in ANNOUNCED})
 FIELDS = sorted(field.name for field in fields(QoSProfile))
@@ -65,7 +72,8 @@ def changed(field: str) -> QoSProfile:
 
 def test_every_policy_has_a_row_a_changed_value_and_a_number() -> None:
     assert sorted(policy.field for policy in POLICIES) == sorted(CHANGED) == FIELDS
-    assert {policy.rmw_name.upper() for policy in POLICIES} == {kind.name for kind in QoSPolicyKind} - {"INVALID"}
+    assert [policy.kind.name for policy in POLICIES] == [policy.rmw_name.upper() for policy in POLICIES]
+    assert {policy.kind for policy in POLICIES} == set(QoSPolicyKind) - {QoSPolicyKind.INVALID}
     assert [field for field in FIELDS if CHANGED[field] == getattr(DEFAULT, field)] == []
 
 
@@ -92,7 +100,31 @@ def test_dds_endpoints_have_the_policy(field: str, is_writer: bool) -> None:
     assert isinstance(library, DdscLibrary)
     api, profile = CycloneApi(library.handle), effective(changed(field), is_writer=is_writer)
     with endpoint_qos(api, EndpointSpec(TopicKey("topic", "/t"), "a/msg/B", profile), is_writer=is_writer) as qos:
-        assert read_profile(api, qos, is_writer=is_writer) == profile
+        read = read_profile(api, qos, is_writer=is_writer)
+    assert read == profile
+    expected = (
+        CHANGED[field]
+        if is_writer or field not in FOR_PUBLISHERS
+        else getattr(effective(DEFAULT, is_writer=False), field)
+    )
+    assert getattr(read, field) == expected
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_only_policies_with_a_rule_keep_endpoints_from_matching(field: str) -> None:
+    profiles = [effective(profile, is_writer=True) for profile in (DEFAULT, changed(field))]
+    results = [check_compatible(offered, requested) for offered in profiles for requested in profiles]
+    mismatches = [result for result in results if not result.matches]
+    assert bool(mismatches) == (field in MATCHED)
+    for result in mismatches:
+        (kind,) = result.policies
+        assert field.startswith(kind.name.lower()) and result.reason.startswith("ERROR: ")
+
+
+def test_discovery_reports_the_choice_of_the_middleware() -> None:
+    chosen = effective(SYSTEM_DEFAULT, is_writer=True)
+    assert chosen == QoSProfile(depth=1).deadline(math.inf).lifespan(math.inf).automatic_liveliness(math.inf)
+    assert {policy.field: policy.unset for policy in POLICIES} == {name: getattr(chosen, name) for name in FIELDS}
 
 
 @pytest.mark.parametrize("field", ANNOUNCED)
