@@ -12,7 +12,7 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from support.rclpy_messages import hooked, rclpy_class
 from support.reference_cdr import NUMBERS
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES, FieldType
 from rosidl_py_gen.cdr import support
 from rosidl_py_gen.cdr.rclpy_messages import arrays, slot_types
 
@@ -119,6 +119,12 @@ def test_fields_of_a_type_are_encoded_and_decoded(name: str, kind: str) -> None:
     assert [field.type.base for field in message_type._TYPE.fields] == [expected] * 3
 
 
+@pytest.mark.parametrize("name", PRIMITIVES)
+def test_type_id_of_a_description_leads_to_the_type(name: str) -> None:
+    kind = FieldType.of_description(FieldType(name).description())
+    assert kind is not None and kind.base == ("uint8" if name == "char" else name)
+
+
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make a package importable that has a message of rclpy's API for each type."""
@@ -134,9 +140,8 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.mark.usefixtures("packages")
 @pytest.mark.parametrize("name", PRIMITIVES)
 def test_fields_of_rclpy_messages_are_checked_encoded_and_decoded(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = ModuleType("rosidl_parser.definition")
-    vars(installed).update({**vars(slot_types), "BasicType": BasicType})
-    monkeypatch.setitem(sys.modules, installed.__name__, installed)
+    installed: Any = SimpleNamespace(**{**vars(slot_types), "BasicType": BasicType})
+    monkeypatch.setitem(sys.modules, "rosidl_parser.definition", installed)
     one = PRIMITIVES[name]
     is_byte = one.idl == "octet"
     value = b"\x05" if is_byte else value_of(name)
