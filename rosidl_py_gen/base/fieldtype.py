@@ -26,6 +26,8 @@ class Primitive(NamedTuple):
         numpy: name of the numpy type.
         python: name of the Python type.
         idl: name of the type in IDL, in the spelling of rosidl.
+        array_code: type code of the `array.array` that sequences are in messages of rclpy's API; "" if they are lists.
+        max_float: maximum of finite floats, with the digits that rclpy's checks have; 0 for other types.
     """
 
     code: str
@@ -34,26 +36,28 @@ class Primitive(NamedTuple):
     numpy: str
     python: str
     idl: str
+    array_code: str
+    max_float: float = 0.0
 
 
 # docs/internals/protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char` and
 # `wchar` exist only in .idl files.
 PRIMITIVES: dict[str, Primitive] = {
-    "bool": Primitive("?", 1, 15, "bool_", "bool", "boolean"),
-    "byte": Primitive("B", 1, 16, "uint8", "int", "octet"),
-    "char": Primitive("B", 1, 3, "uint8", "int", "uint8"),
-    "float32": Primitive("f", 4, 10, "float32", "float", "float"),
-    "float64": Primitive("d", 8, 11, "float64", "float", "double"),
-    "int8": Primitive("b", 1, 2, "int8", "int", "int8"),
-    "uint8": Primitive("B", 1, 3, "uint8", "int", "uint8"),
-    "int16": Primitive("h", 2, 4, "int16", "int", "int16"),
-    "uint16": Primitive("H", 2, 5, "uint16", "int", "uint16"),
-    "int32": Primitive("i", 4, 6, "int32", "int", "int32"),
-    "uint32": Primitive("I", 4, 7, "uint32", "int", "uint32"),
-    "int64": Primitive("q", 8, 8, "int64", "int", "int64"),
-    "uint64": Primitive("Q", 8, 9, "uint64", "int", "uint64"),
-    "idl_char": Primitive("B", 1, 13, "uint8", "int", "char"),
-    "wchar": Primitive("H", 2, 14, "uint16", "int", "wchar"),
+    "bool": Primitive("?", 1, 15, "bool_", "bool", "boolean", ""),
+    "byte": Primitive("B", 1, 16, "uint8", "int", "octet", ""),
+    "char": Primitive("B", 1, 3, "uint8", "int", "uint8", "B"),
+    "float32": Primitive("f", 4, 10, "float32", "float", "float", "f", 3.402823466e38),
+    "float64": Primitive("d", 8, 11, "float64", "float", "double", "d", 1.7976931348623157e308),
+    "int8": Primitive("b", 1, 2, "int8", "int", "int8", "b"),
+    "uint8": Primitive("B", 1, 3, "uint8", "int", "uint8", "B"),
+    "int16": Primitive("h", 2, 4, "int16", "int", "int16", "h"),
+    "uint16": Primitive("H", 2, 5, "uint16", "int", "uint16", "H"),
+    "int32": Primitive("i", 4, 6, "int32", "int", "int32", "i"),
+    "uint32": Primitive("I", 4, 7, "uint32", "int", "uint32", "I"),
+    "int64": Primitive("q", 8, 8, "int64", "int", "int64", "q"),
+    "uint64": Primitive("Q", 8, 9, "uint64", "int", "uint64", "Q"),
+    "idl_char": Primitive("B", 1, 13, "uint8", "int", "char", "B"),
+    "wchar": Primitive("H", 2, 14, "uint16", "int", "wchar", "H"),
 }
 MSG_PRIMITIVES = tuple(name for name in PRIMITIVES if name not in ("idl_char", "wchar"))
 """Names of the primitive types that .msg files have, in the order of rosidl_adapter."""
@@ -64,13 +68,14 @@ _BASES = {_MESSAGE: "", **{one.type_id: name for name, one in PRIMITIVES.items()
 """Names of types by type id; empty for messages. The id of `char` means uint8."""
 _BASES |= {number: name for ids in (_STRINGS, _BOUNDED_STRINGS) for name, number in ids.items()}
 
-INTEGER_RANGES: dict[str, tuple[int, int]] = {
-    **{code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for code, bits in zip("bhiq", (8, 16, 32, 64), strict=True)},
-    **{code: (0, 2**bits - 1) for code, bits in zip("BHIQ", (8, 16, 32, 64), strict=True)},
+_INTEGER_BITS = {one.code: 8 * one.size for one in PRIMITIVES.values() if one.python == "int"}
+INTEGER_RANGES = {
+    code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if code.islower() else (0, 2**bits - 1)
+    for code, bits in _INTEGER_BITS.items()
 }
-"""Minimum and maximum of integers by struct code."""
-MAX_FLOATS: dict[str, float] = {"f": 3.402823466e38, "d": 1.7976931348623157e308}
-"""Maximum of finite floats by struct code, with the digits that rclpy's checks have."""
+"""Minimum and maximum of integers by struct code. The codes of signed integers are lower-case letters."""
+MAX_FLOATS = {one.code: one.max_float for one in PRIMITIVES.values() if one.python == "float"}
+"""Maximum of finite floats by struct code."""
 
 
 class Arity(Enum):

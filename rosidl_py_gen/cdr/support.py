@@ -36,21 +36,57 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.cdr.arrays import Buffer
 
-    # Arguments of constructors whose attribute is an array.
-    Bools = NDArray[np.bool_] | Sequence[bool]
-    Uint8s = NDArray[np.uint8] | Sequence[int]
-    Int8s = NDArray[np.int8] | Sequence[int]
-    Uint16s = NDArray[np.uint16] | Sequence[int]
-    Int16s = NDArray[np.int16] | Sequence[int]
-    Uint32s = NDArray[np.uint32] | Sequence[int]
-    Int32s = NDArray[np.int32] | Sequence[int]
-    Uint64s = NDArray[np.uint64] | Sequence[int]
-    Int64s = NDArray[np.int64] | Sequence[int]
-    Float32s = NDArray[np.float32] | Sequence[float]
-    Float64s = NDArray[np.float64] | Sequence[float]
     Records = NDArray[np.void]  # or a list of messages of fixed size
     Append = Callable[[bytes], object]
     Readable = bytes | bytearray | memoryview | NDArray[Any]
+
+    # Generated code imports these by the name of a numpy type. For each type they are: the argument of constructors
+    # whose attribute is an array, the converter of sequences, the converter of arrays, and the dtype.
+    SequenceConverter = Callable[[object], Any]
+    FixedConverter = Callable[[object, int], bytes]
+    Bools = NDArray[np.bool_] | Sequence[bool]
+    bools: SequenceConverter
+    fixed_bools: FixedConverter
+    Int8s = NDArray[np.int8] | Sequence[int]
+    int8s: SequenceConverter
+    fixed_int8s: FixedConverter
+    INT8: np.dtype[np.int8]
+    Uint8s = NDArray[np.uint8] | Sequence[int]
+    uint8s: SequenceConverter
+    fixed_uint8s: FixedConverter
+    UINT8: np.dtype[np.uint8]
+    Int16s = NDArray[np.int16] | Sequence[int]
+    int16s: SequenceConverter
+    fixed_int16s: FixedConverter
+    INT16: np.dtype[np.int16]
+    Uint16s = NDArray[np.uint16] | Sequence[int]
+    uint16s: SequenceConverter
+    fixed_uint16s: FixedConverter
+    UINT16: np.dtype[np.uint16]
+    Int32s = NDArray[np.int32] | Sequence[int]
+    int32s: SequenceConverter
+    fixed_int32s: FixedConverter
+    INT32: np.dtype[np.int32]
+    Uint32s = NDArray[np.uint32] | Sequence[int]
+    uint32s: SequenceConverter
+    fixed_uint32s: FixedConverter
+    UINT32: np.dtype[np.uint32]
+    Int64s = NDArray[np.int64] | Sequence[int]
+    int64s: SequenceConverter
+    fixed_int64s: FixedConverter
+    INT64: np.dtype[np.int64]
+    Uint64s = NDArray[np.uint64] | Sequence[int]
+    uint64s: SequenceConverter
+    fixed_uint64s: FixedConverter
+    UINT64: np.dtype[np.uint64]
+    Float32s = NDArray[np.float32] | Sequence[float]
+    float32s: SequenceConverter
+    fixed_float32s: FixedConverter
+    FLOAT32: np.dtype[np.float32]
+    Float64s = NDArray[np.float64] | Sequence[float]
+    float64s: SequenceConverter
+    fixed_float64s: FixedConverter
+    FLOAT64: np.dtype[np.float64]
 
 T = TypeVar("T")
 FastPathError = Exception  # objects of the caller may raise any exception from __index__
@@ -58,31 +94,18 @@ FastPathError = Exception  # objects of the caller may raise any exception from 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
 BOOL = BOOL_BYTE
 
-# Generated code calls these by the name of a numpy type; the codes are format characters of `struct`.
-bools, int8s, uint8s, int16s, uint16s = map(sequence_converter, "?bBhH")
-int32s, uint32s, int64s, uint64s = map(sequence_converter, "iIqQ")
-float32s, float64s = map(sequence_converter, "fd")
-fixed_bools, fixed_int8s, fixed_uint8s, fixed_int16s, fixed_uint16s = map(fixed_converter, "?bBhH")
-fixed_int32s, fixed_uint32s, fixed_int64s, fixed_uint64s = map(fixed_converter, "iIqQ")
-fixed_float32s, fixed_float64s = map(fixed_converter, "fd")
-
-_DTYPE_CODES = {one.numpy.upper(): one.code for one in PRIMITIVES.values()}
+_CODES = {one.numpy: one.code for one in PRIMITIVES.values()}
+"""Struct codes by the name of a numpy type."""
+# The converters, which are declared above for type checkers.
+globals().update({f"{name.rstrip('_')}s": sequence_converter(code) for name, code in _CODES.items()})
+globals().update({f"fixed_{name.rstrip('_')}s": fixed_converter(code) for name, code in _CODES.items()})
+_DTYPE_CODES = {name.upper(): code for name, code in _CODES.items()}
 NUMPY_NAMES = ("frombuffer", "ndarray", *_DTYPE_CODES)
 """Names in this module that need numpy, so their first use imports it."""
 
 if TYPE_CHECKING:
     frombuffer = np.frombuffer
     ndarray = np.ndarray
-    INT8: np.dtype[np.int8]
-    UINT8: np.dtype[np.uint8]
-    INT16: np.dtype[np.int16]
-    UINT16: np.dtype[np.uint16]
-    INT32: np.dtype[np.int32]
-    UINT32: np.dtype[np.uint32]
-    INT64: np.dtype[np.int64]
-    UINT64: np.dtype[np.uint64]
-    FLOAT32: np.dtype[np.float32]
-    FLOAT64: np.dtype[np.float64]
 
     def new(cls: type[T]) -> T: ...
 else:

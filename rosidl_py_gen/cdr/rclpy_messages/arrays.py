@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import struct
 from array import array
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base import lazy_numpy as np
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 from rosidl_py_gen.cdr.arrays import BOOL_BYTE, DTYPES, FieldValueError, sequence_converter, short_repr
 
 if TYPE_CHECKING:
@@ -14,11 +16,38 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.cdr.arrays import Buffer
 
+    # Generated code imports these by the name of a numpy type.
+    Reader = Callable[[Buffer, int, int], array[Any]]
+    Converter = Callable[[object], Any]
+    array_of_int8s: Reader
+    buffer_of_int8s: Converter
+    array_of_uint8s: Reader
+    buffer_of_uint8s: Converter
+    array_of_int16s: Reader
+    buffer_of_int16s: Converter
+    array_of_uint16s: Reader
+    buffer_of_uint16s: Converter
+    array_of_int32s: Reader
+    buffer_of_int32s: Converter
+    array_of_uint32s: Reader
+    buffer_of_uint32s: Converter
+    array_of_int64s: Reader
+    buffer_of_int64s: Converter
+    array_of_uint64s: Reader
+    buffer_of_uint64s: Converter
+    array_of_float32s: Reader
+    buffer_of_float32s: Converter
+    array_of_float64s: Reader
+    buffer_of_float64s: Converter
+
 BYTES = tuple(bytes([number]) for number in range(256))
 _MAX_SLICE_BYTES = 1 << 14  # up to this size a second copy costs less than a memoryview
 
 
-def _reader(code: str) -> Callable[[Buffer, int, int], array[Any]]:
+def _reader(code: str, array_code: str) -> Reader:
+    """Return the function that reads a sequence of numbers, given by their struct code, as an array of a type code."""
+    if array_code != code:  # `array.array` lacks the type
+        return lambda view, count, at: array(array_code, struct.unpack_from(f"<{count}{code}", view, at))
     size = array(code).itemsize
 
     def read(view: Buffer, count: int, at: int) -> array[Any]:
@@ -34,7 +63,7 @@ def _reader(code: str) -> Callable[[Buffer, int, int], array[Any]]:
     return read
 
 
-def _buffer(code: str) -> Callable[[object], Any]:
+def _buffer(code: str) -> Converter:
     convert = sequence_converter(code)
 
     def buffer(value: object) -> Any:
@@ -43,13 +72,11 @@ def _buffer(code: str) -> Callable[[object], Any]:
     return buffer
 
 
-# Generated code calls these by the name of a numpy type; the codes are type codes of `array.array`.
-array_of_int8s, array_of_uint8s, array_of_int16s, array_of_uint16s = map(_reader, "bBhH")
-array_of_int32s, array_of_uint32s, array_of_int64s, array_of_uint64s = map(_reader, "iIqQ")
-array_of_float32s, array_of_float64s = map(_reader, "fd")
-buffer_of_int8s, buffer_of_uint8s, buffer_of_int16s, buffer_of_uint16s = map(_buffer, "bBhH")
-buffer_of_int32s, buffer_of_uint32s, buffer_of_int64s, buffer_of_uint64s = map(_buffer, "iIqQ")
-buffer_of_float32s, buffer_of_float64s = map(_buffer, "fd")
+_ARRAYS = {one.numpy: one for one in PRIMITIVES.values() if one.array_code}
+"""Types of numbers whose sequences are arrays, by the name of a numpy type."""
+# The readers and converters, which are declared above for type checkers.
+globals().update({f"array_of_{name}s": _reader(one.code, one.array_code) for name, one in _ARRAYS.items()})
+globals().update({f"buffer_of_{name}s": _buffer(one.code) for name, one in _ARRAYS.items()})
 _bools = sequence_converter("?")
 
 

@@ -74,7 +74,12 @@ def _range_text(code: str) -> str:
 
 
 def _number_code(kind: FieldType) -> str:
-    return kind.primitive.code if kind.primitive is not None and kind.base not in ("byte", "bool") else ""
+    """Return the struct code of a type of numbers; "" for bools, bytes and other types."""
+    return kind.primitive.code if kind.primitive is not None and kind.primitive.array_code else ""
+
+
+def _array_code(kind: FieldType) -> str:
+    return kind.primitive.array_code if kind.primitive is not None else ""
 
 
 def _python_type(field: Field) -> type:
@@ -110,7 +115,8 @@ def _is_right_array(field: Field, value: Any) -> bool:
         return True
     if not isinstance(value, array):
         return False
-    _require(value.typecode == code, f"The '{name}' array.array() must have the type code of '{code}'")
+    type_code = _array_code(kind)
+    _require(value.typecode == type_code, f"The '{name}' array.array() must have the type code of '{type_code}'")
     if kind.arity is Arity.BOUNDED:
         _require(len(value) <= kind.capacity, f"The '{name}' array.array() must have a size <= {kind.capacity}")
     return True
@@ -198,13 +204,15 @@ def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
     """
     member = cls.__dict__[slot_name(field.py_name)]
     kind = field.type
-    code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""
+    code, type_code = _number_code(kind), _array_code(kind)
     convert: Callable[[Any], Any] | None = None
     if code and kind.arity is not Arity.SCALAR:
         convert = (
-            (lambda value: to_array(value, code)) if kind.is_sequence else lambda value: np.array(value, DTYPES[code])
+            (lambda value: to_array(value, type_code))
+            if kind.is_sequence
+            else lambda value: np.array(value, DTYPES[code])
         )
-    array_code = code if kind.is_sequence and default is None else ""
+    array_code = type_code if kind.is_sequence and default is None else ""
     return FieldSlot(field, member.__get__, member.__set__, _default(field, default, convert), convert, array_code)
 
 

@@ -1,15 +1,18 @@
 """Each row of `PRIMITIVES` has its converters, its form in definitions, and values that are encoded and decoded.
 
-A new type of fields fails here for each place that does not have it yet. Columns of tables and content filters follow
-the row; tests/slow/tables/test_column_types.py and tests/slow/ros_compat/test_content_filters.py check that.
+A new type of fields fails here for each place that does not have it yet. At run time its row is enough:
+tests/slow/cdr/test_new_type.py adds one. Columns of tables and content filters follow the row, which
+tests/slow/tables/test_column_types.py and tests/slow/ros_compat/test_content_filters.py check.
 """
 
 from __future__ import annotations
 
 import ast
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,13 +23,19 @@ from support.rclpy_messages import hooked, rclpy_class
 from support.reference_cdr import NUMBERS
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES, FieldType
 from rosidl_py_gen.cdr import support
-from rosidl_py_gen.cdr.rclpy_messages import arrays
+from rosidl_py_gen.cdr.rclpy_messages import arrays, slot_types
 
 LISTS = {"bool": "list_of_bools", "byte": "list_of_bytes"}
 """Functions that read sequences of rclpy's messages which are not `array.array`."""
 LINE = "=" * 80
+BASIC_TYPES = {
+    *("short", "long", "long long", "unsigned short", "unsigned long", "unsigned long long"),
+    *("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"),
+    *("float", "double", "long double", "char", "wchar", "boolean", "octet"),
+}
+"""`BASIC_TYPES` of rosidl_parser in Jazzy and Kilted."""
 IDL = "module {} {{ module msg {{ struct {} {{ {} }}; }}; }};\n"
 PROTOCOL = Path(__file__).parents[3] / "docs" / "internals" / "protocol.md"
 
@@ -37,6 +46,14 @@ def numpy_name(name: str) -> str:
 
 def word_of(name: str) -> str:
     return name.title().replace("_", "")
+
+
+class BasicType(slot_types.BasicType):
+    """`BasicType` of an installed rosidl_parser, which refuses other names."""
+
+    def __init__(self, typename: str) -> None:
+        assert typename in BASIC_TYPES
+        super().__init__(typename)
 
 
 def value_of(name: str) -> Any:
@@ -52,17 +69,34 @@ def test_generated_code_finds_the_converters_of_a_type(name: str) -> None:
     assert callable(getattr(arrays, LISTS.get(name, f"array_of_{plural}")))
 
 
-@pytest.mark.parametrize("name", PRIMITIVES)
-def test_type_checkers_find_the_argument_type_and_dtype_of_a_type(name: str) -> None:
-    names: set[str] = set()
-    for node in ast.parse(Path(support.__file__).read_text(encoding="utf-8")).body:
+def declarations(module: ModuleType) -> dict[str, str]:
+    """Return what a module defines for type checkers only: the type or value by name."""
+    found: dict[str, str] = {}
+    assert module.__file__ is not None
+    for node in ast.parse(Path(module.__file__).read_text(encoding="utf-8")).body:
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             for statement in node.body:
                 if isinstance(statement, ast.Assign):
-                    names.update(map(ast.unparse, statement.targets))
+                    found.update(dict.fromkeys(map(ast.unparse, statement.targets), ast.unparse(statement.value)))
                 elif isinstance(statement, ast.AnnAssign):
-                    names.add(ast.unparse(statement.target))
-    assert {numpy_name(name).capitalize() + "s", PRIMITIVES[name].numpy.upper()} <= names | {"BOOL_"}
+                    found[ast.unparse(statement.target)] = ast.unparse(statement.annotation)
+    return found
+
+
+@pytest.mark.parametrize("name", PRIMITIVES)
+def test_type_checkers_find_what_generated_code_imports_for_a_type(name: str) -> None:
+    one, plural = PRIMITIVES[name], numpy_name(name) + "s"
+    expected = {
+        plural.capitalize(): f"NDArray[np.{one.numpy}] | Sequence[{one.python}]",
+        plural: "SequenceConverter",
+        f"fixed_{plural}": "FixedConverter",
+    }
+    if name != "bool":
+        expected[one.numpy.upper()] = f"np.dtype[np.{one.numpy}]"
+    assert expected.items() <= declarations(support).items()
+    if name not in LISTS:
+        expected = {f"array_of_{plural}": "Reader", f"buffer_of_{plural}": "Converter"}
+        assert expected.items() <= declarations(arrays).items()
 
 
 FORMS = [*((name, "idl") for name in PRIMITIVES), *((name, "msg") for name in MSG_PRIMITIVES)]
@@ -85,6 +119,12 @@ def test_fields_of_a_type_are_encoded_and_decoded(name: str, kind: str) -> None:
     assert [field.type.base for field in message_type._TYPE.fields] == [expected] * 3
 
 
+@pytest.mark.parametrize("name", PRIMITIVES)
+def test_type_id_of_a_description_leads_to_the_type(name: str) -> None:
+    kind = FieldType.of_description(FieldType(name).description())
+    assert kind is not None and kind.base == ("uint8" if name == "char" else name)
+
+
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make a package importable that has a message of rclpy's API for each type."""
@@ -99,7 +139,9 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.mark.usefixtures("packages")
 @pytest.mark.parametrize("name", PRIMITIVES)
-def test_fields_of_rclpy_messages_are_checked_encoded_and_decoded(name: str) -> None:
+def test_fields_of_rclpy_messages_are_checked_encoded_and_decoded(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed: Any = SimpleNamespace(**{**vars(slot_types), "BasicType": BasicType})
+    monkeypatch.setitem(sys.modules, "rosidl_parser.definition", installed)
     one = PRIMITIVES[name]
     is_byte = one.idl == "octet"
     value = b"\x05" if is_byte else value_of(name)
@@ -142,6 +184,7 @@ def wrong_values(name: str) -> list[Any]:
 @pytest.mark.parametrize("name", PRIMITIVES)
 def test_random_definitions_and_documentation_have_each_type(name: str) -> None:
     one = PRIMITIVES[name]
+    assert NUMBERS.keys() == set(MSG_PRIMITIVES)
     if name in MSG_PRIMITIVES:
         assert NUMBERS[name] == (one.code, one.size)
         assert (name in FLOATS) is (one.python == "float")
