@@ -23,7 +23,7 @@ from mcap.decoder import DecoderFactory as McapDecoderFactory
 
 from rosidl_py_gen import compile_definition, decode, get_message, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic, BagWarning
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.codec import encoded_length
@@ -179,10 +179,10 @@ class Definitions:
 
         Returns None if its definitions are not bundled, or the user selected another distribution.
         """
-        if selected().is_explicit:
+        if Distribution.selected().is_explicit:
             return None
         try:
-            return selected(self._recorded_distro()).name
+            return Distribution.selected(self._recorded_distro()).name
         except UnknownDistributionError:  # an older one, or none is stated
             return None
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 
 TABLE_FILE = Path(__file__).with_name("message_packages.txt")
 
@@ -26,7 +26,7 @@ def package_rows() -> dict[str, list[str]]:
         return {}
     rows = [line.split() for line in lines if not line.startswith("#")]
     rows.sort(key=lambda row: "-" not in row)  # a repository may have a package in older distributions only
-    return {package: row for row in rows for package in row[1 + len(DISTRIBUTIONS) :]}
+    return {package: row for row in rows for package in row[1 + len(Distribution.BUNDLED) :]}
 
 
 def branch_of(package: str, distro: str) -> tuple[str, str]:
@@ -39,12 +39,12 @@ def branch_of(package: str, distro: str) -> tuple[str, str]:
     if row is None:
         return distro, distro
     branches: list[str] = []
-    for word in row[1 : 1 + len(DISTRIBUTIONS)]:
+    for word in row[1 : 1 + len(Distribution.BUNDLED)]:
         branches.append(branches[-1] if word == "=" else word)
-    wanted = DISTRIBUTIONS.index(distro)
-    older, newer = range(wanted, -1, -1), range(wanted + 1, len(DISTRIBUTIONS))
+    wanted = Distribution.BUNDLED.index(distro)
+    older, newer = range(wanted, -1, -1), range(wanted + 1, len(Distribution.BUNDLED))
     used = next(number for number in (*older, *newer) if branches[number] != "-")
-    return branches[used], DISTRIBUTIONS[used]
+    return branches[used], Distribution.BUNDLED[used]
 
 
 def download_note(package: str, distro: str) -> str:

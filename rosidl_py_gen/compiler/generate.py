@@ -18,7 +18,7 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS, selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import (
     GENERATED_HEADER,
@@ -181,7 +181,7 @@ def load_distribution(distro: str) -> tuple[InterfaceRegistry, list[RosName]]:
     Raises:
         UnknownDistributionError: the definitions of `distro` are not bundled.
     """
-    distro = selected(distro).name
+    distro = Distribution.selected(distro).name
     registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
     return registry, [name for name in names if not is_absent(name, distro)]
 
@@ -330,7 +330,7 @@ def generate_pregenerated(folder: Path) -> GenerationResult:
 def _distribution_table() -> str:
     """Return the source of a module with the hashes of types that differ between distributions."""
     hashes: dict[str, dict[str, list[str]]] = {}
-    for distro in DISTRIBUTIONS:
+    for distro in Distribution.BUNDLED:
         registry, names = load_distribution(distro)
         for top in names:
             for name in registry.closure(str(top)):
@@ -338,7 +338,7 @@ def _distribution_table() -> str:
                     hashes.setdefault(name, {}).setdefault(registry.type_hash(name), []).append(distro)
     rows = ""
     for name, found in sorted(hashes.items()):
-        if [*found.values()] != [[*DISTRIBUTIONS]]:
+        if [*found.values()] != [[*Distribution.BUNDLED]]:
             texts = "".join(f'        "{text}": "{" ".join(distros)}",\n' for text, distros in found.items())
             rows += f'    "{name}": {{\n{texts}    }},\n'
     text = "RIHS01 hashes and their distributions, oldest first, of the bundled types that not all distributions share."

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.distributions import NAMES, distribution_of_command
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.interrupts import BROKEN_PIPE
 from rosidl_py_gen.base.terminal_text import json_text, pluralize, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
@@ -159,13 +159,13 @@ def suggestions(find: Callable[[], list[Any]]) -> list[Any]:
         return []
 
 
-DISTRIBUTION = click.Choice(NAMES, case_sensitive=False)
+DISTRIBUTION = click.Choice(Distribution.NAMES, case_sensitive=False)
 """Click type of a parameter that names a ROS 2 distribution."""
 
 
 def _select(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
     if value is not None:
-        ctx.with_resource(distribution_of_command(value))
+        ctx.with_resource(Distribution.of_command(value))
 
 
 distro: Callable[[Any], Any] = click.option(

@@ -23,7 +23,7 @@ from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 from zipfile import BadZipFile, ZipFile
 
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.package_repositories import branch_of
 from rosidl_py_gen.base.resources import extra_requirements
@@ -75,7 +75,7 @@ class Origin:
     sha256: str = ""
     folder: str = ""
     version: str = ""
-    distribution: str = field(default_factory=lambda: selected().name)
+    distribution: str = field(default_factory=lambda: Distribution.selected().name)
 
     @property
     def text(self) -> str:
@@ -174,7 +174,7 @@ def _sources(names: Sequence[str], clones: Sequence[str], folder: Path) -> Itera
     if clones:
         yield _from_clones(names, [*names, *messages], clones)
         return
-    distro = selected().name
+    distro = Distribution.selected().name
     by_branch: dict[tuple[str, str], list[str]] = {}
     for name, repository in ({name: repository_of(name) for name in names} | messages).items():
         by_branch.setdefault((repository, branch_of(name, distro)[0]), []).append(name)
@@ -193,7 +193,7 @@ def _from_clones(names: Sequence[str], wanted: Sequence[str], clones: Sequence[s
     if absent := [name for name in names if name not in packages]:
         searched = ", ".join(map(display_path, clones))
         text = f"{searched}: no package {', '.join(absent)}; expected clones of {_repositories(absent)}"
-        raise CommandError(f"{text}, branch {selected().name}")
+        raise CommandError(f"{text}, branch {Distribution.selected().name}")
     found = {}
     for name in wanted:
         if name in packages:

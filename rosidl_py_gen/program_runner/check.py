@@ -22,7 +22,7 @@ from types import ModuleType
 from typing import Any
 
 from rosidl_py_gen import RosidlError, found_packages
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import missing_extra_message
@@ -226,7 +226,7 @@ class _FileChecker:
             is_message_package = one.module.partition(".")[2].partition(".")[0] in KINDS
             hint = did_you_mean(top, found_packages()) if is_message_package else ""
             advice = "its definitions can be given with --path" if is_message_package else "it is not installed"
-            note = install_note(top) or download_note(top, selected().name)
+            note = install_note(top) or download_note(top, Distribution.selected().name)
             self._add(one.line, f"no package {top}. {note}" if note else f"no package {top}{hint}; {advice}")
 
     def _is_missing(self, one: _Import) -> bool:

@@ -14,7 +14,7 @@ import logging
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
@@ -226,7 +226,8 @@ class TypeResolver:
                     f"{reason}; using the definition of Humble, which differs from the local one"
                 )
                 return of_humble
-        level = logging.DEBUG if selected().name == "humble" else logging.WARNING  # it is what the user expects
+        is_expected = Distribution.selected().name == "humble"
+        level = logging.DEBUG if is_expected else logging.WARNING
         self._scope.logger.log(level, f"{reason}; using the local definition, which may differ from theirs")
         return cls
 

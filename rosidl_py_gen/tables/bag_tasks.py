@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, DamagedPart, unreachable_as_error
-from rosidl_py_gen.base.distributions import distribution_of_command
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -245,7 +245,7 @@ def split_times_of(task: Task) -> TaskResult:
 def _run(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
     distro = task.options.distro
     with (
-        nullcontext() if distro is None else distribution_of_command(distro),
+        nullcontext() if distro is None else Distribution.of_command(distro),
         warnings.catch_warnings(record=True) as caught,  # includes warnings of other threads of a worker
     ):
         warnings.simplefilter("always", BagWarning)

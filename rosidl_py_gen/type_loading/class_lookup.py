@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, is_generated, ros_package_index
 from rosidl_py_gen.cdr import Action, Message, Service
@@ -47,8 +47,8 @@ _lock = threading.RLock()
 """Lock of all caches of loaded classes and registries in this module."""
 _loaded: dict[str, list[type]] = {}
 """Loaded classes by full type name; a name has a class for each different definition."""
-_by_name: dict[tuple[str, tuple[str, ...], DistributionChoice], type] = {}
-_registries: dict[tuple[tuple[str, ...], str, DistributionChoice], InterfaceRegistry] = {}
+_by_name: dict[tuple[str, tuple[str, ...], Distribution], type] = {}
+_registries: dict[tuple[tuple[str, ...], str, Distribution], InterfaceRegistry] = {}
 _compilations = 0
 
 
@@ -197,7 +197,7 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
         package = registry.search.packages.get(name.package)
         if package is None or package.is_bundled:
             for one in distribution_definitions(str(name)):
-                if one.type_hash == type_hash(cls) and DEFAULT not in one.distributions:
+                if one.type_hash == type_hash(cls) and Distribution.DEFAULT not in one.distributions:
                     return f"bundled ({', '.join(one.distributions)})"
             return "bundled" if package else "another text of this process"
         file = package.files.get(registry.owner(name) or name)
@@ -228,7 +228,7 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
     entries = tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
     name = split_ros_name(text, kind)
     full_name = str(name)
-    choice = selected(distro)
+    choice = Distribution.selected(distro)
     if (full_name, entries, choice) not in _by_name:
         _import_class(name)
     with _lock:
@@ -292,7 +292,7 @@ def _import_classes(registry: InterfaceRegistry, name: RosName) -> None:
         _import_class(split_ros_name(used))
 
 
-def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
+def _installed_class(name: RosName, path: tuple[str, ...], choice: Distribution) -> type | None:
     """Return the importable generated class of a type.
 
     Returns None if there is no such class, or if `path` or a distribution was requested. A class in
@@ -307,7 +307,7 @@ def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionC
 
 def _has_definition_of(cls: type[Any], distro: str) -> bool:
     """Return True if the definition of a class of the default distribution is the same in the distribution `distro`."""
-    if distro == DEFAULT:
+    if distro == Distribution.DEFAULT:
         return True
     from rosidl_py_gen.compiler.frontend import changed_interfaces
 
@@ -316,7 +316,7 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
     return all(one._replace(name=one.name.partition("_")[0]) not in changed for one in used)
 
 
-def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
+def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distribution) -> type | None:
     """Return the class of a bundled type that was generated when the wheel of this package was built.
 
     Loading it takes 10 ms, a compilation 80 ms. Returns None if another definition precedes the bundled one, if the
@@ -346,7 +346,7 @@ def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegi
     """
     from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path
 
-    key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), selected(distro))
+    key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), Distribution.selected(distro))
     if key not in _registries:
         _registries[key] = InterfaceRegistry(scan_search_path(path, distro=distro))
     return _registries[key]
@@ -369,7 +369,7 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
         return registry
 
 
-def _from_definitions(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type:
+def _from_definitions(name: RosName, path: tuple[str, ...], choice: Distribution) -> type:
     registry = _registry(path, choice.name if choice.is_explicit else None)
     if choice.is_explicit:
         may_be_installed = name.package not in registry.search.packages

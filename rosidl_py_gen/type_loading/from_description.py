@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions, individual_descriptions, rihs01
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.base.resources import is_generated
@@ -229,7 +229,7 @@ def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
     if rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
         return {}
     individuals = individual_descriptions(description)
-    replaced: dict[str, dict[str, Description]] = {distro: {} for distro in DISTRIBUTIONS}
+    replaced: dict[str, dict[str, Description]] = {distro: {} for distro in Distribution.BUNDLED}
     for name, own in individuals.items():
         for definition in distribution_definitions(name):
             found = type_description(definition.load())

@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.callbacks import Registration
-from rosidl_py_gen.base.distributions import DistributionChoice, selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import KINDS, RosName
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import is_generated
@@ -127,7 +127,7 @@ def install_import_hook(
         folders,
         None if workspace_of is None else _path_text("workspace_of", workspace_of),
         override_installed,
-        selected(distro),
+        Distribution.selected(distro),
     )
     with _lock:
         if _installed is None:
@@ -226,7 +226,7 @@ class _Finder(Loader):
         path: Sequence[str],
         workspace_of: str | None,
         override_installed: bool,
-        choice: DistributionChoice,
+        choice: Distribution,
     ) -> None:
         from rosidl_py_gen.compiler.frontend import Workspace
         from rosidl_py_gen.type_loading.interface_modules import Interfaces

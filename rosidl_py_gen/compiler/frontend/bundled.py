@@ -11,12 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
-_BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
+_BASES = {"humble": Distribution.DEFAULT, "kilted": Distribution.DEFAULT, "lyrical": "kilted"}
 """Distribution by distribution name: the stored definitions of the key are differences from the definitions of the
 value."""
 _NEEDED = frozenset(package for packages in IMPLIED.values() for package in packages)
@@ -81,9 +81,9 @@ def is_absent(name: RosName, distro: str) -> bool:
 @cache
 def changed_interfaces(distro: str) -> frozenset[RosName]:
     """Return the interfaces that a distribution added, removed or changed relative to the default distribution."""
-    if distro == DEFAULT:
+    if distro == Distribution.DEFAULT:
         return frozenset()
-    own, default = _paths(distro), _paths(DEFAULT)
+    own, default = _paths(distro), _paths(Distribution.DEFAULT)
     return frozenset(name for name in own.keys() | default.keys() if own.get(name) != default.get(name))
 
 
@@ -94,7 +94,7 @@ def other_distributions_note(package: str, name: RosName | None = None) -> str:
     """
     having = [
         distro
-        for distro in DISTRIBUTIONS
+        for distro in Distribution.BUNDLED
         if (name in _paths(distro) if name else any(one.package == package for one in _paths(distro)))
     ]
     if not having:
@@ -124,7 +124,7 @@ def _layers(distro: str) -> list[str]:
     distribution's definitions.
     """
     found: list[str] = []
-    while distro != DEFAULT:
+    while distro != Distribution.DEFAULT:
         found.insert(0, distro)
         distro = _BASES[distro]
     return found

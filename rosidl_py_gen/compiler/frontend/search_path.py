@@ -24,7 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import KINDS, PACKAGE_NAME, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated, ros_package_index
@@ -195,8 +195,8 @@ class SearchPath:
             return f"{subject}: {text}; generate it again {where}"
         if module is not None:
             return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
-        named = (name for name in DISTRIBUTIONS if f"{_BUNDLED} ({name})" in self.searched)
-        distro = next(named, DEFAULT if _BUNDLED in self.searched else selected().name)
+        named = (name for name in Distribution.BUNDLED if f"{_BUNDLED} ({name})" in self.searched)
+        distro = next(named, Distribution.DEFAULT if _BUNDLED in self.searched else Distribution.selected().name)
         if note := download_note(package, distro):
             return f"{subject} {where}. {note}"
         return f"{subject}{did_you_mean(package, self.packages)} {where}"
@@ -237,7 +237,7 @@ def scan_search_path(
     found = SearchPath({})
     for folder in folders:
         _add(found, str(folder), _packages_below(Path(folder), found.refused))
-    choice = selected(distro) if bundled else None
+    choice = Distribution.selected(distro) if bundled else None
     if choice is not None and choice.is_explicit:
         _add_bundled(found, choice.name)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
@@ -257,7 +257,7 @@ def _add_bundled(found: SearchPath, distro: str) -> None:
     packages = (
         Package(name, one.folder, _BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
     )
-    _add(found, _BUNDLED if distro == DEFAULT else f"{_BUNDLED} ({distro})", packages)
+    _add(found, _BUNDLED if distro == Distribution.DEFAULT else f"{_BUNDLED} ({distro})", packages)
 
 
 def _installed() -> Iterator[Package]:

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.base.distributions import command_distribution
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError
@@ -75,7 +75,9 @@ class ContextCore:
         if enclave is not None:
             validate_enclave(enclave)
         resolved_transport = resolve_transport(transport)
-        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery, distro=command_distribution())
+        settings = read_environment(
+            os.environ, domain_id=domain_id, discovery=discovery, distro=Distribution.name_for_node()
+        )
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
         self.enclave = self.ros_arguments.enclave if enclave is None else enclave
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)

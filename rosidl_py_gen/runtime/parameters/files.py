@@ -23,7 +23,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.yaml_text import YamlError, yaml_events
 from rosidl_py_gen.runtime.names import find_namespace_fault, find_node_name_fault
@@ -606,7 +606,7 @@ def _fail(name: str, event: yaml.Event, text: str) -> NoReturn:
 def _scalar(node: yaml.ScalarEvent) -> ParameterValue:
     if not node.value and node.style not in ("'", '"'):
         return plain_scalar("")
-    if node.tag in _TYPE_TAGS and selected().is_since("lyrical"):
+    if node.tag in _TYPE_TAGS and Distribution.selected().is_since("lyrical"):
         return _tagged_scalar(node.value, _TYPE_TAGS[node.tag])
     if node.tag == _STRING or node.style in ("'", '"'):
         return ParameterValue(ParameterType.STRING, node.value)

@@ -9,7 +9,7 @@ import pytest
 from support.folders import ROOT
 
 from rosidl_py_gen.base import package_repositories
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.package_repositories import download_note
 
 FILE = Path(package_repositories.__file__).with_name("message_packages.txt")
@@ -29,12 +29,12 @@ def test_message_package_table_is_small_and_states_source_and_date() -> None:
 def test_table_row_has_repository_branch_for_each_distribution_and_packages(row: list[str]) -> None:
     repository, *branches = row[:5]
     assert re.fullmatch(r"(https://[\w.-]+/)?[\w.-]+/[\w./-]+", repository) and not repository.endswith(".git")
-    assert len(branches) == len(DISTRIBUTIONS) and branches[0] != "=" and set(branches) != {"-"}
+    assert len(branches) == len(Distribution.BUNDLED) and branches[0] != "=" and set(branches) != {"-"}
     assert all(re.fullmatch(r"[\w./-]+|=", branch) and not branch.startswith("--") for branch in branches)
     assert row[5:] and all(re.fullmatch(r"[a-z]\w+", package) for package in row[5:])
 
 
-@pytest.mark.parametrize("distro", DISTRIBUTIONS)
+@pytest.mark.parametrize("distro", Distribution.BUNDLED)
 def test_each_package_has_a_clone_command_for_each_distribution(distro: str) -> None:
     command = re.compile(r"git clone --depth 1 --branch ([\w./-]+) (https://[\w./-]+); then use --path ([\w.-]+) ")
     for package in PACKAGES:
