@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen import encode, to_dict, type_description
-from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
@@ -339,15 +339,15 @@ def _from_description(type_name: str, answer: Any) -> DefinitionSet:
     if (other := description["type_description"]["type_name"]) != type_name:
         raise SourceError(f"the answer describes another type: {other[:100]}")
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
-    registry = registry_from_descriptions(name, individual_descriptions(description), sources)
-    if registry.type_hash(type_name) != rihs01(description):
+    registry = registry_from_descriptions(name, TypeDescriptions.individuals(description), sources)
+    if registry.type_hash(type_name) != TypeDescriptions.rihs01(description):
         raise SourceError("the answer describes types that do not belong to it")
     return collect_with_dependencies(registry, registry.owner(name) or name)
 
 
 def _from_class(type_name: str, cls: type[Any]) -> DefinitionSet:
     name = split_ros_name(type_name)
-    individuals = individual_descriptions(type_description(cls))
+    individuals = TypeDescriptions.individuals(type_description(cls))
     return collect_with_dependencies(
         registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name
     )

@@ -11,7 +11,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import (
@@ -131,13 +131,12 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
         try:
             response = GetTypeDescription_Response.decode(data)
             description = to_dict(response.type_description)
-            if rihs01(description) != type_hash:
+            if TypeDescriptions.rihs01(description) != type_hash:
                 continue
         except (RosidlError, ValueError, LookupError):
             continue
-        individuals = [description["type_description"], *description["referenced_type_descriptions"]]
         sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in response.type_sources}
-        yield _CachedDescriptions({one["type_name"]: one for one in individuals}, sources)
+        yield _CachedDescriptions(TypeDescriptions.individuals(description), sources)
 
 
 def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:

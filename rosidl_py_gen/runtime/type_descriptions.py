@@ -22,7 +22,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import PREGENERATED_PACKAGE, interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
@@ -446,7 +446,7 @@ def _is_described(cls: type[Any]) -> bool:
     """Return False for a class that only forwards serialized messages, whose description has another hash than the
     type.
     """
-    return rihs01(type_description(cls)) == type_hash(cls)
+    return TypeDescriptions.rihs01(type_description(cls)) == type_hash(cls)
 
 
 def _load_class(name: str, wanted_hash: str) -> type[Any]:

@@ -13,7 +13,7 @@ import asyncio
 import logging
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
@@ -421,7 +421,7 @@ class TypeResolver:
             )
         response = decode_description(sender, data)
         description = to_dict(response.type_description)
-        described, found_hash = description["type_description"]["type_name"], rihs01(description)
+        described, found_hash = description["type_description"]["type_name"], TypeDescriptions.rihs01(description)
         if (described, found_hash) != (name, wanted_hash):
             raise TypeDescriptionError(
                 f"{sender} describes {printable(described)} with the hash {found_hash}, but {name} with the hash "

@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import TypeDescriptions, individual_descriptions, rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.project import GeneratedPackages
@@ -116,7 +116,7 @@ def definition_text(cls: type[Any]) -> str:
             name = name._replace(name=name.name.removesuffix(_EVENT))
         elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
-        registry = _registry(name, individual_descriptions(type_description(cls)), {}, is_event)
+        registry = _registry(name, TypeDescriptions.individuals(type_description(cls)), {}, is_event)
     return DefinitionText(registry, registry.owner(name) or name).full
 
 
@@ -153,7 +153,7 @@ def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, 
             return None
         cls = find_installed_class(name, "")
         if cls is not None:
-            individuals = individual_descriptions(type_description(cls))
+            individuals = TypeDescriptions.individuals(type_description(cls))
             is_service = name.kind == "srv" and "_" not in name.name
             file = import_module(cls.__module__).__file__ or ""
             note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"
@@ -170,7 +170,8 @@ class DistributionVariants:
 
     def __init__(self, cls: type[Any]) -> None:
         self._cls = cls
-        self.hashes = {distro: rihs01(description) for distro, description in _other_descriptions(cls).items()}
+        others = _other_descriptions(cls)
+        self.hashes = {distro: TypeDescriptions.rihs01(description) for distro, description in others.items()}
 
     @classmethod
     def find(cls, name: str, type_hash: str) -> DistributionVariants | None:
@@ -205,7 +206,7 @@ def _class_in(distro: str, cls: type[Any]) -> type[Any]:
     description = _other_descriptions(cls).get(distro)
     if description is None:
         return cls
-    return DescribedType(cls._TYPE.name, individual_descriptions(description)).load()
+    return DescribedType(cls._TYPE.name, TypeDescriptions.individuals(description)).load()
 
 
 def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
@@ -226,22 +227,22 @@ def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None 
 @cached_per_class
 def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
     own_hash, description = cls._TYPE.hash, type_description(cls)
-    if rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
+    if TypeDescriptions.rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
         return {}
-    individuals = individual_descriptions(description)
+    individuals = TypeDescriptions.individuals(description)
     replaced: dict[str, dict[str, Description]] = {distro: {} for distro in Distribution.BUNDLED}
     for name, own in individuals.items():
         for definition in distribution_definitions(name):
             found = type_description(definition.load())
             if _fields(found["type_description"]) != _fields(own):
                 for distro in definition.distributions:
-                    replaced[distro].update(individual_descriptions(found))
+                    replaced[distro].update(TypeDescriptions.individuals(found))
     others = {
         distro: TypeDescriptions.assemble(cls._TYPE.name, {**individuals, **parts}.__getitem__)
         for distro, parts in replaced.items()
         if parts
     }
-    return {distro: other for distro, other in others.items() if rihs01(other) != own_hash}
+    return {distro: other for distro, other in others.items() if TypeDescriptions.rihs01(other) != own_hash}
 
 
 def _fields(description: Description) -> list[tuple[object, object]]:

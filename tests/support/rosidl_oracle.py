@@ -20,7 +20,7 @@ from typing import Any
 
 from hypothesis import currently_in_test_context
 
-from rosidl_py_gen.base.descriptions import individual_description
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file
@@ -199,7 +199,8 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     return {
         **reply,
         "types": {
-            name: [individual_description(name, library.field_rows(name)), library.type_hash(name)] for name in types
+            name: [TypeDescriptions.individual(name, library.field_rows(name)), library.type_hash(name)]
+            for name in types
         },
     }
 

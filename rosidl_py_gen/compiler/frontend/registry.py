@@ -10,12 +10,7 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.descriptions import (
-    Description,
-    FieldRow,
-    TypeDescriptions,
-    individual_descriptions,
-)
+from rosidl_py_gen.base.descriptions import Description, FieldRow, TypeDescriptions
 from rosidl_py_gen.base.names import INTERFACE_NAME, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
@@ -165,14 +160,14 @@ class InterfaceRegistry:
         """Return the full name of a type, followed by the sorted names of all types to which it refers, at
         any depth.
         """
-        return [*individual_descriptions(self.type_description(full_name))]
+        return [*TypeDescriptions.individuals(self.type_description(full_name))]
 
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
         """Return a type's description with default values, and by type name the `repr` of each constant of the type and
         all types in it.
         """
         description = self.type_description(full_name)
-        found = {name: self.message(name) for name in individual_descriptions(description)}
+        found = {name: self.message(name) for name in TypeDescriptions.individuals(description)}
         return description, {
             name: {item.name: repr(item.value) for item in one.constants} if one else {} for name, one in found.items()
         }

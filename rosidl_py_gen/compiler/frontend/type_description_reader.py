@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 
-from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description
+from rosidl_py_gen.base.descriptions import Description, TypeDescriptions
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
@@ -162,7 +162,7 @@ class _RaiseOnFirst(Diagnostics):
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:
-    rows = [(item.name, item.type) for item in message.fields] or [EMPTY_MESSAGE]
+    rows = [(item.name, item.type) for item in message.fields] or [TypeDescriptions.EMPTY_MESSAGE]
     return [(name, kind.description()) for name, kind in rows]
 
 
@@ -190,7 +190,7 @@ class _DescriptionConverter:
             raise _problem(name, "expected at least one field, found none")
         if len({py_name(item.name) for item in fields}) < len(fields):
             raise _problem(name, "two fields have the same name")
-        if [(item.name, item.type) for item in fields] == [EMPTY_MESSAGE]:
+        if [(item.name, item.type) for item in fields] == [TypeDescriptions.EMPTY_MESSAGE]:
             fields = ()
         return MessageDef(split_ros_name(name), fields, (), (), source)
 
