@@ -20,7 +20,7 @@ import click
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
@@ -382,7 +382,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
     from rosidl_py_gen.type_loading import registry_of_generated_class
 
-    top = split_ros_name(name, "msg")
+    top = RosName.parse(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None
     try:
         owner = registry.read_checked(top)

@@ -23,7 +23,7 @@ from typing import Any
 
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import pluralize
@@ -223,7 +223,7 @@ class _FileChecker:
         elif one.is_required and (owner := self._modules.owner_without(one.module)) is not None:
             self._add(one.line, f"no module {one.module} in {display_path(owner.parent)}")
         elif top not in sys.stdlib_module_names and not _is_installed(top) and one.is_required:
-            is_message_package = one.module.partition(".")[2].partition(".")[0] in KINDS
+            is_message_package = one.module.partition(".")[2].partition(".")[0] in RosName.KINDS
             hint = did_you_mean(top, found_packages()) if is_message_package else ""
             advice = "its definitions can be given with --path" if is_message_package else "it is not installed"
             note = install_note(top) or download_note(top, Distribution.selected().name)
@@ -315,7 +315,7 @@ def _is_ours(module: str) -> bool:
     package = found_packages().get(top)
     if package is None:
         return False
-    return rest.partition(".")[0] in KINDS or not (rest or (package.folder / top / "__init__.py").is_file())
+    return rest.partition(".")[0] in RosName.KINDS or not (rest or (package.folder / top / "__init__.py").is_file())
 
 
 def _import_module(name: str) -> ModuleType | None:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import PREGENERATED_PACKAGE, interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name
@@ -266,7 +266,7 @@ async def announced_hash(
         CallTimeoutError: there is no such node.
         InvalidNameError: `type_name` is not a ROS name.
     """
-    split_ros_name(type_name)
+    RosName.parse(type_name)
     namespace, _, name = node.rpartition("/")
     graph, deadline = scope.graph, Deadline(timeout_s)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
 from rosidl_py_gen.errors import (
@@ -88,7 +88,7 @@ class TypeResolver:
         timeout_s: float | None,
     ) -> None:
         if type_name is not None:
-            split_ros_name(type_name)
+            RosName.parse(type_name)
         if wanted_hash is not None and not TYPE_HASH.match(wanted_hash):
             raise TypeDescriptionError(
                 f"type_hash: got {wanted_hash!r:.100}; expected RIHS01_ and 64 hexadecimal digits"
@@ -163,7 +163,7 @@ class TypeResolver:
         if self._wanted_hash is None and candidates[0].is_ambiguous():
             raise self._ambiguous_error("definitions", candidates, "type_hash")
         try:
-            split_ros_name(candidates[0].type_name)
+            RosName.parse(candidates[0].type_name)
         except InvalidNameError:
             text = join_truncated(candidates[0].lines())
             raise TypeDescriptionError(f"the type of {self._subject} is not a ROS type: {text}") from None

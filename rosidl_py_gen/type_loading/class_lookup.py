@@ -22,7 +22,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
+from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, is_generated, ros_package_index
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
@@ -104,7 +104,7 @@ def compile_definition(name: str, text: str) -> type[Any]:
         InvalidNameError: a name is invalid.
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
-    top = split_ros_name(name, "msg")
+    top = RosName.parse(name, "msg")
     if not isinstance(text, str):
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
     from rosidl_py_gen.compiler.frontend import registry_from_text
@@ -129,7 +129,7 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
         fits: returns True if the hashes of the requested type and of all types that it refers to, by name, fit.
         path: searched first, as by `get_message`; raises `DefinitionError` if it cannot be read.
     """
-    _import_class(split_ros_name(name))
+    _import_class(RosName.parse(name))
     with _lock:
         for cls in _loaded.get(name, ()):
             if fits(hashes_of(cls)):
@@ -190,7 +190,7 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
     module = cls.__module__
     if not module.startswith(_MEMORY):
         return "bundled" if module.startswith(PREGENERATED_PACKAGE) else f"module {module}"
-    name = split_ros_name(cls._TYPE.name)
+    name = RosName.parse(cls._TYPE.name)
     folders = [path] if isinstance(path, (str, os.PathLike)) else path
     with _lock:
         registry = _registry(tuple(str(entry) for entry in folders), distro)
@@ -226,7 +226,7 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
     if not isinstance(text, str):
         raise InvalidNameError(f"expected the name of an interface, found {type(text).__name__}")
     entries = tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
-    name = split_ros_name(text, kind)
+    name = RosName.parse(text, kind)
     full_name = str(name)
     choice = Distribution.selected(distro)
     if (full_name, entries, choice) not in _by_name:
@@ -289,7 +289,7 @@ def _import_class(name: RosName) -> None:
 def _import_classes(registry: InterfaceRegistry, name: RosName) -> None:
     """Import the modules of a checked type and of all types that it refers to. Lock: _lock should not be held."""
     for used in registry.closure(str(name)):
-        _import_class(split_ros_name(used))
+        _import_class(RosName.parse(used))
 
 
 def _installed_class(name: RosName, path: tuple[str, ...], choice: Distribution) -> type | None:
@@ -311,7 +311,7 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
         return True
     from rosidl_py_gen.compiler.frontend import changed_interfaces
 
-    used = map(split_ros_name, (cls._TYPE.name, *referenced_classes(cls)))
+    used = map(RosName.parse, (cls._TYPE.name, *referenced_classes(cls)))
     changed = changed_interfaces(distro)
     return all(one._replace(name=one.name.partition("_")[0]) not in changed for one in used)
 
@@ -329,7 +329,7 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distributi
         return None
     parts = referenced_classes(cls) if cls is not None else {}
     for full_name, part in parts.items():
-        in_use = _loaded.get(full_name) or [find_installed_class(split_ros_name(full_name)) or part]
+        in_use = _loaded.get(full_name) or [find_installed_class(RosName.parse(full_name)) or part]
         if part not in in_use:
             return None
     for full_name, part in parts.items():
@@ -451,7 +451,7 @@ def _compile(
 
     def known(full_name: str) -> str:
         """Return the module with the class of another type, which is compiled if necessary."""
-        return get_class(split_ros_name(full_name)).__module__
+        return get_class(RosName.parse(full_name)).__module__
 
     module = _run(*sources.module(top, f"{_MEMORY}.w{_compilations}.", known))
     for exported in module.__all__:

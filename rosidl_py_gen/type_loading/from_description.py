@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.base.resources import is_generated
 from rosidl_py_gen.cdr import Message
@@ -86,7 +86,7 @@ class DescribedType:
 
     def hashes(self) -> dict[str, str]:
         """Return the RIHS01 hashes of the type and of all types that belong to it or that it refers to, by name."""
-        registry = _registry(split_ros_name(self._name), self._individuals, {}, self._is_service)
+        registry = _registry(RosName.parse(self._name), self._individuals, {}, self._is_service)
         return registry.all_hashes(self._name)
 
     def load(self, path: SearchFolders = ()) -> type[Any]:
@@ -95,7 +95,7 @@ class DescribedType:
         Args:
             path: folders with interface packages, in which classes of the same hash are searched first.
         """
-        top = split_ros_name(self._name)
+        top = RosName.parse(self._name)
         return class_of_registry(_registry(top, self._individuals, self._sources, self._is_service), top, path=path)
 
 
@@ -108,7 +108,7 @@ def definition_text(cls: type[Any]) -> str:
     """
     from rosidl_py_gen.compiler.frontend import DefinitionText
 
-    name = split_ros_name(type_name(cls))
+    name = RosName.parse(type_name(cls))
     registry = registry_of(name)
     if registry is None or registry.all_hashes(str(name)) != hashes_of(cls):
         is_event = name.kind == "srv" and name.name.endswith(_EVENT)  # an event contains request and response
@@ -129,7 +129,7 @@ def generated_names() -> dict[RosName, Path]:
             folders = [Path(one.path) for one in os.scandir(entry) if one.name.isidentifier()]
         except OSError:  # a zip file, or nothing
             continue
-        for folder, kind in ((folder, kind) for folder in folders for kind in KINDS):
+        for folder, kind in ((folder, kind) for folder in folders for kind in RosName.KINDS):
             file = folder / kind / "__init__.py"
             if is_generated(file):
                 exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
@@ -146,9 +146,9 @@ def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, 
         A registry with the definition, its full name, and a note about its origin; None if no such class can be
             imported.
     """
-    for kind in KINDS if text.count("/") == 1 else ("msg",):
+    for kind in RosName.KINDS if text.count("/") == 1 else ("msg",):
         try:
-            name = split_ros_name(text, kind)
+            name = RosName.parse(text, kind)
         except InvalidNameError:
             return None
         cls = find_installed_class(name, "")
@@ -218,7 +218,7 @@ def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None 
         cls = get_named_class(name, path=path, distro=distro)
     except TypeNotFoundError:
         return None
-    if distro is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
+    if distro is None or not issubclass(cls, Message) or find_installed_class(RosName.parse(name)) is not cls:
         return cls
     # A generated class contains the types of the distribution for which it was generated.
     return _class_in(distro, cls)

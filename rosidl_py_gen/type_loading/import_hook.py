@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.callbacks import Registration
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.names import KINDS, RosName
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import is_generated
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
@@ -272,7 +272,7 @@ class _Finder(Loader):
         kind, _, module = rest.partition(".")
         if not rest:
             return self._package(package)
-        if kind not in KINDS or kind not in self._interfaces.kinds(package):
+        if kind not in RosName.KINDS or kind not in self._interfaces.kinds(package):
             return None
         if not module:
             return None if self._uses_other(package, kind, path) else ModuleSpec(fullname, self, is_package=True)

@@ -21,7 +21,7 @@ from typing import Any
 from hypothesis import currently_in_test_context
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file
 from rosidl_py_gen.compiler.frontend.model import (
@@ -177,9 +177,9 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     """Our reply. "refused" is a definition that is wrong alone, "unresolved" one that goes wrong with the others."""
     library = InterfaceRegistry(_search())
     for name, text, format in others:
-        library.add_text(split_ros_name(name), SourceText("<other>", text, format))
+        library.add_text(RosName.parse(name), SourceText("<other>", text, format))
     try:
-        names = [split_ros_name(name) for name, _, _ in definitions]
+        names = [RosName.parse(name) for name, _, _ in definitions]
     except InvalidNameError as error:
         return {"refused": [str(error)]}
     if not all(map(may_be_file, names)):
@@ -266,7 +266,7 @@ def _floaty(value: Any) -> Any:
 
 
 def compare(rosidl: Rosidl, text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> None:
-    compare_world(rosidl, [(name, text, format or split_ros_name(name).kind)])
+    compare_world(rosidl, [(name, text, format or RosName.parse(name).kind)])
 
 
 def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> Reply:

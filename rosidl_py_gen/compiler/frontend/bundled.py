@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
@@ -115,7 +115,9 @@ def _paths(distro: str) -> dict[RosName, Path]:
 def files_below(package: str, folder: Path) -> dict[RosName, Path]:
     """Return the .msg, .srv and .action files of a package's folder by interface name."""
     return {
-        RosName(package, kind, path.stem): path for kind in KINDS for path in sorted((folder / kind).glob(f"*.{kind}"))
+        RosName(package, kind, path.stem): path
+        for kind in RosName.KINDS
+        for path in sorted((folder / kind).glob(f"*.{kind}"))
     }
 
 
@@ -138,7 +140,7 @@ def _difference(distro: str) -> _Difference:
     for package, folder in folders.items():
         files.update(files_below(package, folder))
     lines = (top / "absent.txt").read_text(encoding="utf-8").split()
-    return _Difference(files, folders, frozenset(str(split_ros_name(one)) if "/" in one else one for one in lines))
+    return _Difference(files, folders, frozenset(str(RosName.parse(one)) if "/" in one else one for one in lines))
 
 
 def _package_folders(top: Path) -> list[str]:

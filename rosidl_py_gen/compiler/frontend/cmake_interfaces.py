@@ -10,7 +10,7 @@ import os
 import posixpath
 from pathlib import Path
 
-from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.resources import is_generated
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
@@ -117,10 +117,10 @@ class CMakeInterfaceList:
         diagnostics = Diagnostics()
         source = read_source(self._folder / path, path, diagnostics) if len(self._paths[name]) > 1 else None
         interface = parse_interface(name, source, diagnostics) if source is not None else None
-        needs = map(split_ros_name, nested_types(interface) if interface else ())
+        needs = map(RosName.parse, nested_types(interface) if interface else ())
         is_incomplete = any(need.package == self._package and need not in self._paths for need in needs)
         is_wrong = bool(diagnostics.items) or is_incomplete
-        is_elsewhere = posixpath.dirname(path) not in KINDS
+        is_elsewhere = posixpath.dirname(path) not in RosName.KINDS
         return path.endswith(".idl"), is_wrong, self._paths[name][path] < 0, is_elsewhere, "ros1" in path, path
 
     def _report(self, problems: list[Diagnostic], offset: int, text: str) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 import yaml
 
-from rosidl_py_gen.base.names import did_you_mean, split_ros_name
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.yaml_text import UNTAGGED, YamlError, compose_yaml
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import InvalidNameError
@@ -132,6 +132,6 @@ def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
 
 def _type_name(node: YamlNode, name: str) -> str:
     try:
-        return str(split_ros_name(text(node, name), "msg"))
+        return str(RosName.parse(text(node, name), "msg"))
     except InvalidNameError as error:
         wrong(node, name, str(error))
