@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class GeneratedPackages:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if path is not None or not is_generated(Path(self.folder, fullname, "__init__.py")):
+        if path is not None or not GeneratedCode.is_file(Path(self.folder, fullname, "__init__.py")):
             return None
         return PathFinder.find_spec(fullname, [self.folder], target)
 

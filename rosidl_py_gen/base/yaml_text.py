@@ -22,13 +22,13 @@ import math
 import re
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.errors import RosidlError
 
 try:
     import yaml
 except ModuleNotFoundError as missing:
-    raise missing_extra_message(missing) or missing from None
+    raise Extra.missing_error(missing) or missing from None
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

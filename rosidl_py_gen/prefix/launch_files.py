@@ -28,9 +28,9 @@ from typing import Any
 from xml.etree.ElementTree import ParseError
 
 from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.compiler.frontend import files_below
 from rosidl_py_gen.errors import display_path
@@ -364,7 +364,7 @@ def _require_packages(*names: str) -> None:
         else:
             continue
         raise CommandError(f"{text}; run: {install_command_of(name)}")
-    require_modules("osrf_pycommon", "packaging", "yaml")
+    Extra.require_modules("osrf_pycommon", "packaging", "yaml")
 
 
 def _file_of_package(package: str, name: str) -> str:

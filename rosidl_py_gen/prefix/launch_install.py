@@ -24,9 +24,9 @@ from urllib.request import Request, urlopen
 from zipfile import BadZipFile, ZipFile
 
 from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.package_repositories import branch_of
-from rosidl_py_gen.base.resources import extra_requirements
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
@@ -138,7 +138,7 @@ def _install_requirements(installer: Installer) -> None:
     """Install the modules of the package index that launch needs, unless they are installed."""
     if all(map(find_spec, _REQUIREMENTS)):
         return
-    requirements = extra_requirements(_EXTRA) or [*_REQUIREMENTS.values()]
+    requirements = Extra(_EXTRA).requirements() or [*_REQUIREMENTS.values()]
     try:
         installer.require(*requirements)
     except OutputError as error:

@@ -23,9 +23,9 @@ from typing import Any
 
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import display_path
@@ -200,7 +200,7 @@ class _FileChecker:
         try:
             module = _import_module(one.module)
         except ModuleNotFoundError as error:
-            module, problem = None, f"{one.module}: {missing_extra_message(error) or error}"
+            module, problem = None, f"{one.module}: {Extra.missing_error(error) or error}"
         if module is None:
             parent, _, name = one.module.rpartition(".")
             hint = did_you_mean(name, dir(sys.modules[parent])) if parent in sys.modules else ""

@@ -24,9 +24,9 @@ from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.interrupts import BROKEN_PIPE, command_interrupts
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
-from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.command_support import report
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
@@ -187,7 +187,7 @@ def exit_on_error() -> Iterator[None]:
         report(str(error))
         sys.exit(1)
     except ModuleNotFoundError as error:
-        message = missing_extra_message(error)
+        message = Extra.missing_error(error)
         if message is None:
             raise
         report(str(message))

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import PREGENERATED_PACKAGE, interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders, GeneratedCode
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
@@ -486,11 +486,11 @@ def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
 
 
 def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
-    if cls is None or not cls.__module__.startswith((f"{_BUNDLED}.", PREGENERATED_PACKAGE)):
+    if cls is None or not cls.__module__.startswith((f"{_BUNDLED}.", GeneratedCode.BUNDLED_PREFIX)):
         for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
             if prefix:
                 yield Path(prefix) / "share" / package
-    yield interfaces_dir() / package
+    yield DataFolders.interfaces() / package
 
 
 def _is_from_file(name: str, cls: type[Any] | None) -> bool:

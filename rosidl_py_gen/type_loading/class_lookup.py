@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, py_name
-from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, is_generated, ros_package_index
+from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, TypeNotFoundError, display_path
@@ -189,7 +189,7 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
     """
     module = cls.__module__
     if not module.startswith(_MEMORY):
-        return "bundled" if module.startswith(PREGENERATED_PACKAGE) else f"module {module}"
+        return "bundled" if module.startswith(GeneratedCode.BUNDLED_PREFIX) else f"module {module}"
     name = RosName.parse(cls._TYPE.name)
     folders = [path] if isinstance(path, (str, os.PathLike)) else path
     with _lock:
@@ -253,7 +253,7 @@ def find_installed_class(name: RosName, *roots: str) -> type | None:
         name: name of the interface.
         roots: import prefixes in order; by default packages of the user, then `rosidl_py_gen.msgs`.
     """
-    for root in roots or ("", MSGS_PACKAGE):
+    for root in roots or ("", GeneratedCode.RUNTIME_PREFIX):
         # The import hook can add modules to a package; only generated files count here.
         if not (
             _is_generated_package(root + name.package) and _is_generated_package(f"{root}{name.package}.{name.kind}")
@@ -278,7 +278,7 @@ def _is_generated_package(package: str) -> bool:
     origin = spec.origin if spec is not None else None
     if origin is None or not origin.endswith("__init__.py"):
         return False
-    return is_generated(Path(origin))
+    return GeneratedCode.is_file(Path(origin))
 
 
 def _import_class(name: RosName) -> None:
@@ -301,7 +301,7 @@ def _installed_class(name: RosName, path: tuple[str, ...], choice: Distribution)
     if path or choice.is_explicit:
         return None
     cls = find_installed_class(name)
-    is_own = cls is not None and cls.__module__.startswith(MSGS_PACKAGE)
+    is_own = cls is not None and cls.__module__.startswith(GeneratedCode.RUNTIME_PREFIX)
     return cls if cls is None or not is_own or _has_definition_of(cls, choice.name) else None
 
 
@@ -322,9 +322,13 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distributi
     Loading it takes 10 ms, a compilation 80 ms. Returns None if another definition precedes the bundled one, if the
     distribution has another definition, or if a type that it refers to has another class.
     """
-    if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or os.path.isdir(ros_package_index()))):
+    if path:
         return None
-    cls = find_installed_class(name, PREGENERATED_PACKAGE)
+    if not choice.is_explicit and (
+        os.environ.get("AMENT_PREFIX_PATH") or os.path.isdir(InstalledInterfaces.ros_index())
+    ):
+        return None
+    cls = find_installed_class(name, GeneratedCode.BUNDLED_PREFIX)
     if cls is not None and not _has_definition_of(cls, choice.name):
         return None
     parts = referenced_classes(cls) if cls is not None else {}

@@ -23,7 +23,7 @@ from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.project import GeneratedPackages
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.cdr.structured_arrays import cached_per_class
@@ -131,7 +131,7 @@ def generated_names() -> dict[RosName, Path]:
             continue
         for folder, kind in ((folder, kind) for folder in folders for kind in RosName.KINDS):
             file = folder / kind / "__init__.py"
-            if is_generated(file):
+            if GeneratedCode.is_file(file):
                 exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
                 stems = re.findall(r'"([A-Za-z0-9]+)_?"', exports[1]) if exports else []
                 for stem in stems:

@@ -22,7 +22,7 @@ from rosidl_py_gen.base.callbacks import Registration
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
@@ -331,7 +331,7 @@ class _Finder(Loader):
         other = self._other_spec(name, path) if path is not None else None
         if other is None or other.loader is None or not other.origin:
             return False
-        if is_generated(Path(other.origin)) and (self._override or not self._is_rclpy):
+        if GeneratedCode.is_file(Path(other.origin)) and (self._override or not self._is_rclpy):
             return not self._is_rclpy  # generated: the same classes, or classes of the other API
         folder = self._interfaces.search.packages[package].folder
         self._warn_duplicate(package, name, other.origin, f"the definitions in {folder}")

@@ -17,7 +17,7 @@ from typing import Any
 
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend import (
     Package,
     SearchPath,
@@ -59,7 +59,7 @@ def search(path: Sequence[str], workspace: Workspace | None, choice: Distributio
 
     def scan() -> Any:
         # Names of files are cached for other distributions than the default only.
-        top, is_default = interfaces_dir(), choice.name == Distribution.DEFAULT
+        top, is_default = DataFolders.interfaces(), choice.name == Distribution.DEFAULT
         bundled = [top] if is_default else [place for place, *_ in os.walk(top)]
         for place in (*sys.path, *bundled):
             note(place)

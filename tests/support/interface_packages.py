@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.codegen.module_sources import ModuleSources
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
@@ -70,7 +70,7 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
     Raises:
         DefinitionError: as a run of the compiler would.
     """
-    library = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
+    library = InterfaceRegistry(scan_search_path([DataFolders.interfaces()], ament="", bundled=False))
     names = [RosName.parse(name) for name in definitions]
     for name, text in zip(names, definitions.values(), strict=True):
         library.add_text(name, SourceText(f"<{name}>", text, name.kind))

@@ -22,7 +22,7 @@ from hypothesis import currently_in_test_context
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file
 from rosidl_py_gen.compiler.frontend.model import (
     ActionDef,
@@ -140,7 +140,9 @@ class Rosidl:
     """All releases of the tool chain; see rosidl_server.py."""
 
     def __init__(self) -> None:
-        implied = [(name, (interfaces_dir() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED]
+        implied = [
+            (name, (DataFolders.interfaces() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED
+        ]
         context = _question([*implied, *OTHERS], keep=True)
         self._releases = {release: _Release(release, context) for release in RELEASES}
 
@@ -207,7 +209,7 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
 
 @lru_cache(maxsize=1)
 def _search() -> SearchPath:
-    return scan_search_path([interfaces_dir()], ament="", bundled=False)
+    return scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
 
 
 def type_names(interface: Interface) -> list[str]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
 _BASES = {"humble": Distribution.DEFAULT, "kilted": Distribution.DEFAULT, "lyrical": "kilted"}
@@ -53,7 +53,7 @@ def bundled_packages(distro: str) -> dict[str, BundledFiles]:
     Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
     True for their interfaces.
     """
-    top = interfaces_dir()
+    top = DataFolders.interfaces()
     packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
     for layer in _layers(distro):
         difference = _difference(layer)
@@ -134,7 +134,7 @@ def _layers(distro: str) -> list[str]:
 
 @cache
 def _difference(distro: str) -> _Difference:
-    top = interfaces_dir() / "distributions" / distro
+    top = DataFolders.interfaces() / "distributions" / distro
     folders = {name: top / name for name in _package_folders(top)}
     files: dict[RosName, Path] = {}
     for package, folder in folders.items():

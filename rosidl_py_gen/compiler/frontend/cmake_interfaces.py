@@ -11,7 +11,7 @@ import posixpath
 from pathlib import Path
 
 from rosidl_py_gen.base.names import RosName, did_you_mean
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, nested_types
@@ -80,7 +80,7 @@ class CMakeInterfaceList:
         name = interface_name(self._package, relative)
         if path is None or not is_of_package(self._folder, path):
             self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
-        elif name is None and not is_generated(self._folder / path):  # a glob may match generated files
+        elif name is None and not GeneratedCode.is_file(self._folder / path):  # a glob may match generated files
             self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
         elif name is not None and os.path.isfile(self._folder / path):
             self._paths.setdefault(name, {}).setdefault(path, word.offset)

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated, ros_package_index
+from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import (
     BUILD_TREE_MARKERS,
@@ -271,7 +271,7 @@ def _installed() -> Iterator[Package]:
     for package in _installed_by_entry_points():
         names.add(package.name)
         yield package
-    index = ros_package_index()
+    index = InstalledInterfaces.ros_index()
     note(index)
     for entry in _entries(Path(index)) if os.path.isdir(index) else ():  # no folder, or one that cannot be reached
         folder = Path(sys.prefix, "share", entry.name)
@@ -282,7 +282,8 @@ def _installed() -> Iterator[Package]:
 def _installed_by_entry_points() -> Iterator[Package]:
     from importlib.metadata import entry_points  # slow to import
 
-    for name, module in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
+    entries = entry_points(group=InstalledInterfaces.ENTRY_POINTS)
+    for name, module in sorted({(entry.name, entry.value) for entry in entries}):
         try:
             spec = find_spec(module.partition(".")[0])
         except (ImportError, ValueError):
@@ -608,4 +609,4 @@ def _generated_package(package: str) -> Path | None:
     folder = Path(spec.origin).parent if spec is not None and spec.origin else None
     if folder is None:
         return None
-    return folder if any(is_generated(folder / kind / "__init__.py") for kind in RosName.KINDS) else None
+    return folder if any(GeneratedCode.is_file(folder / kind / "__init__.py") for kind in RosName.KINDS) else None

@@ -17,8 +17,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -256,7 +256,7 @@ def resolve_transport(transport: Transport | str | None) -> Transport:
             raise BackendMissingError(
                 "nodes on Zenoh need two more packages. Wheels of eclipse-zenoh exist for "
                 "CPython 3.9 and later on Linux (x86-64, ARM; glibc), macOS and Windows (x86-64). "
-                f"The import failed with: {error}. To install them: {install_command('zenoh')}",
+                f"The import failed with: {error}. To install them: {Extra('zenoh').install_command()}",
                 name=error.name,
             ) from error
         return ZenohTransport()

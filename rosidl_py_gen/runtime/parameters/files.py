@@ -24,7 +24,7 @@ import sys
 from typing import TYPE_CHECKING, NoReturn
 
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.yaml_text import YamlError, yaml_events
 from rosidl_py_gen.runtime.names import find_namespace_fault, find_node_name_fault
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 try:
     import yaml
 except ModuleNotFoundError as missing:
-    raise missing_extra_message(missing) or missing from None
+    raise Extra.missing_error(missing) or missing from None
 
 
 PARAMETERS_KEY = "ros__parameters"

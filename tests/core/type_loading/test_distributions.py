@@ -21,7 +21,7 @@ from rosidl_py_gen import (
     type_hash,
 )
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces, files_below
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import load
@@ -69,14 +69,14 @@ def test_every_definition_of_a_distribution_is_valid(distro: str) -> None:
 
 
 def test_stored_definitions_of_a_distribution_differ_from_the_default_and_are_used() -> None:
-    top = interfaces_dir() / "distributions"
+    top = DataFolders.interfaces() / "distributions"
     for distro in os.listdir(top):
         if distro != "COLCON_IGNORE":
             stored = [files_below(one, top / distro / one) for one in os.listdir(top / distro) if one != "absent.txt"]
             names = {name for files in stored for name in files}
             assert names <= changed_interfaces(distro)
             for name, path in ((name, path) for files in stored for name, path in files.items()):
-                default = interfaces_dir() / name.package / name.kind / path.name
+                default = DataFolders.interfaces() / name.package / name.kind / path.name
                 assert not default.exists() or default.read_text() != path.read_text()
 
 
