@@ -26,7 +26,7 @@ from zipfile import BadZipFile, ZipFile
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.package_repositories import branch_of
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
@@ -177,7 +177,7 @@ def _sources(names: Sequence[str], clones: Sequence[str], folder: Path) -> Itera
     distro = Distribution.selected().name
     by_branch: dict[tuple[str, str], list[str]] = {}
     for name, repository in ({name: repository_of(name) for name in names} | messages).items():
-        by_branch.setdefault((repository, branch_of(name, distro)[0]), []).append(name)
+        by_branch.setdefault((repository, MessagePackage(name).branch(distro)[0]), []).append(name)
     found: dict[str, _PackageSource] = {}
     for number, ((repository, branch), packages) in enumerate(by_branch.items()):
         found |= _from_archive(repository, branch, packages, folder / str(number))

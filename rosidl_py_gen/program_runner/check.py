@@ -25,7 +25,7 @@ from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import RosName, did_you_mean
-from rosidl_py_gen.base.package_repositories import download_note
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import display_path
@@ -226,7 +226,7 @@ class _FileChecker:
             is_message_package = one.module.partition(".")[2].partition(".")[0] in RosName.KINDS
             hint = did_you_mean(top, found_packages()) if is_message_package else ""
             advice = "its definitions can be given with --path" if is_message_package else "it is not installed"
-            note = install_note(top) or download_note(top, Distribution.selected().name)
+            note = install_note(top) or MessagePackage(top).download_note(Distribution.selected().name)
             self._add(one.line, f"no package {top}. {note}" if note else f"no package {top}{hint}; {advice}")
 
     def _is_missing(self, one: _Import) -> bool:

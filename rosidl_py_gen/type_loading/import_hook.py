@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 from rosidl_py_gen.base.callbacks import Registration
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.package_repositories import download_note
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
@@ -205,7 +205,7 @@ class _FallbackFinder:
         return found if found is not None and found.origin is not None else None
 
     def _spec_of_later_finder(self, name: str) -> ModuleSpec | None:
-        note = download_note(name, self._distro)
+        note = MessagePackage(name).download_note(self._distro)
         for finder in sys.meta_path[sys.meta_path.index(self) + 1 :] if note and self in sys.meta_path else ():
             find = getattr(finder, "find_spec", None)
             if find is not None and (found := find(name, None)) is not None:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, did_you_mean
-from rosidl_py_gen.base.package_repositories import download_note
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import (
@@ -197,7 +197,7 @@ class SearchPath:
             return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
         named = (name for name in Distribution.BUNDLED if f"{_BUNDLED} ({name})" in self.searched)
         distro = next(named, Distribution.DEFAULT if _BUNDLED in self.searched else Distribution.selected().name)
-        if note := download_note(package, distro):
+        if note := MessagePackage(package).download_note(distro):
             return f"{subject} {where}. {note}"
         return f"{subject}{did_you_mean(package, self.packages)} {where}"
 
