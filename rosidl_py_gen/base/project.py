@@ -66,20 +66,20 @@ class GeneratedPackages:
             return None
         return PathFinder.find_spec(fullname, [self.folder], target)
 
-
-@contextmanager
-def importable_current_folder() -> Iterator[None]:
-    """Make the generated packages of the current folder importable inside the block, after all other packages."""
-    try:
-        finder = GeneratedPackages(os.getcwd())
-    except OSError:  # it was deleted
-        yield
-        return
-    sys.meta_path.append(finder)
-    try:
-        yield
-    finally:
-        sys.meta_path.remove(finder)
+    @classmethod
+    @contextmanager
+    def of_current_folder(cls) -> Iterator[None]:
+        """Make the generated packages of the current folder importable inside the block, after all other packages."""
+        try:
+            finder = cls(os.getcwd())
+        except OSError:  # it was deleted
+            yield
+            return
+        sys.meta_path.append(finder)
+        try:
+            yield
+        finally:
+            sys.meta_path.remove(finder)
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ import click
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.project import importable_current_folder, with_project_path
+from rosidl_py_gen.base.project import GeneratedPackages, with_project_path
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.generator_cli.command_line import (
@@ -544,7 +544,7 @@ def _main(arguments: list[str] | None) -> None:
     if "_ROSIDL_PY_GEN_COMPLETE" in os.environ:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     try:
-        with importable_current_folder():
+        with GeneratedPackages.of_current_folder():
             code = cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
         if isinstance(code, int) and code:
             sys.exit(code)

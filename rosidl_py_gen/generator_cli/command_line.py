@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.interrupts import BROKEN_PIPE
+from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.terminal_text import json_text, pluralize, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
 
@@ -95,7 +95,7 @@ def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
         click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
     except BrokenPipeError:  # the reader of the output has ended, as `head` does; click would end with 1
         os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
-        raise click.exceptions.Exit(BROKEN_PIPE) from None
+        raise click.exceptions.Exit(command_interrupts.BROKEN_PIPE) from None
 
 
 def _styled(text: str, style: str) -> str:
