@@ -28,7 +28,7 @@ import numpy as np
 
 from rosidl_py_gen import Message, to_dict, type_name
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate, load
@@ -257,7 +257,7 @@ def _pycdr2_class(cls: type[Message], known: dict[type[Message], Any]) -> Any:
 def _mcap(message: Message, payload: bytes) -> Pair:
     from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
-    name = split_ros_name(type_name(message))
+    name = RosName.parse(type_name(message))
     text = _text(name)
     short = f"{name.package}/{name.name}"
     decoder = next(value for key, value in generate_dynamic(short, text).items() if key in (short, str(name)))
@@ -270,7 +270,7 @@ def _mcap(message: Message, payload: bytes) -> Pair:
 def _mcap_fast(message: Message, payload: bytes) -> Pair:
     from mcap_ros2_support_fast import DecoderFactory, ROS2EncoderFactory
 
-    name = split_ros_name(type_name(message))
+    name = RosName.parse(type_name(message))
     schema = SimpleNamespace(id=1, name=str(name), encoding="ros2msg", data=_text(name).encode())
     decoder, encoder = DecoderFactory().decoder_for("cdr", schema), ROS2EncoderFactory().encoder_for(schema)
     assert decoder is not None and encoder is not None
@@ -280,7 +280,7 @@ def _mcap_fast(message: Message, payload: bytes) -> Pair:
 
 
 def _pyterfaces(backend: str, message: Message, payload: bytes) -> Pair | None:
-    package, kind, name = split_ros_name(type_name(message))
+    package, kind, name = RosName.parse(type_name(message))
     try:
         cls = getattr(importlib.import_module(f"ros2_pyterfaces.{backend}.{package}.{kind}"), name)
     except ModuleNotFoundError:

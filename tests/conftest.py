@@ -31,7 +31,7 @@ from support.local_network import only_loopback
 from support.without_message_packages import restart_without_message_packages
 from support.worlds import dds, memory, network, pytest_pyfunc_call, world
 
-from rosidl_py_gen.base.resources import WITHOUT_WHEELS, missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.runtime.transport.cyclone import library
 
 CORE = Path(__file__).resolve().parent / "core"
@@ -143,8 +143,8 @@ class _ModuleOfTests(pytest.Module):
             cause = error.__cause__
             if isinstance(cause, ModuleNotFoundError):
                 name = str(cause.name).partition(".")[0]
-                if sys.version_info[:2] >= WITHOUT_WHEELS.get(name, (4, 0)):
-                    pytest.skip(str(missing_extra_message(cause)), allow_module_level=True)
+                if sys.version_info[:2] >= Extra.WITHOUT_WHEELS.get(name, (4, 0)):
+                    pytest.skip(str(Extra.missing_error(cause)), allow_module_level=True)
                 # A core test may not need such a module: CI runs core tests in an environment without them only.
                 is_required = "ROSIDL_TEST_REQUIRE_PEERS" in os.environ or self.path.is_relative_to(CORE)
                 if name in ONLY_IN_TEST_ALL and not is_required:

@@ -11,7 +11,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.generator_cli.compare import compare
 from rosidl_py_gen.generator_cli.diff import DiffSource, load_sources
 
@@ -26,7 +26,7 @@ _TABLE = re.compile(r"(?<=\| Since \| Definition \| Change \|\n\|---\|---\|---\|
 
 def rows() -> Iterator[str]:
     """The rows of the table."""
-    for old, new in pairwise(DISTRIBUTIONS):
+    for old, new in pairwise(Distribution.BUNDLED):
         with load_sources(DiffSource("distro", old), DiffSource("distro", new), (), 0) as (before, after):
             found = compare(before.facts, after.facts)
         since = new.capitalize()

@@ -18,7 +18,7 @@ from typing import Any
 
 import yaml
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 
 _CHECKOUT = Path(__file__).resolve().parents[1]
 FILE = _CHECKOUT / "rosidl_py_gen" / "base" / "message_packages.txt"
@@ -105,7 +105,7 @@ def main() -> None:
     lines = [
         f"# Repositories of well-known message packages. Source: github.com/ros/rosdistro, {commit}, by",
         "# tools/record_message_packages.py. A line has the repository (of GitHub without a host), its",
-        f"# branches for {', '.join(DISTRIBUTIONS)} (- for none, = for that before), and the packages.",
+        f"# branches for {', '.join(Distribution.BUNDLED)} (- for none, = for that before), and the packages.",
         *(f"{place} {' '.join(sorted(names))}" for place, names in sorted(by_place.items())),
     ]
     FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -115,7 +115,7 @@ def main() -> None:
 def _places(rosdistro: Path) -> dict[str, dict[str, tuple[str, str]]]:
     """Return URL and branch of each message package by distribution; what the newest lacks is taken from Rolling."""
     places: dict[str, dict[str, tuple[str, str]]] = {}
-    for distro in ("rolling", *DISTRIBUTIONS):
+    for distro in ("rolling", *Distribution.BUNDLED):
         text = _git(rosdistro, "show", f"HEAD:{distro}/distribution.yaml")
         data: dict[str, Any] = yaml.load(text, yaml.CSafeLoader)
         for name, repository in data["repositories"].items():
@@ -123,17 +123,17 @@ def _places(rosdistro: Path) -> dict[str, dict[str, tuple[str, str]]]:
             for package in (repository.get("release") or {}).get("packages", [name]):
                 is_message = _MESSAGE_PACKAGE.fullmatch(package) and not _OTHER_PACKAGE.fullmatch(package)
                 if source.get("type") == "git" and source.get("version") and (is_message or package in _WANTED):
-                    key = DISTRIBUTIONS[-1] if distro == "rolling" else distro
+                    key = Distribution.BUNDLED[-1] if distro == "rolling" else distro
                     places.setdefault(package, {})[key] = (source["url"].removesuffix(".git"), source["version"])
     for package, (repository, branch) in _NOT_IN_ROSDISTRO.items():
-        places[package] = dict.fromkeys(DISTRIBUTIONS, (GITHUB + repository, branch))
+        places[package] = dict.fromkeys(Distribution.BUNDLED, (GITHUB + repository, branch))
     return places
 
 
 def _place_text(place: dict[str, tuple[str, str]]) -> str:
-    url = [place[distro][0] for distro in DISTRIBUTIONS if distro in place][-1]
+    url = [place[distro][0] for distro in Distribution.BUNDLED if distro in place][-1]
     words, last = [url.removeprefix(GITHUB)], ""
-    for distro in DISTRIBUTIONS:  # a fork that only older distributions use is left out
+    for distro in Distribution.BUNDLED:  # a fork that only older distributions use is left out
         branch = place[distro][1] if distro in place and place[distro][0] == url else "-"
         words.append("=" if branch == last else branch)
         last = branch
@@ -159,7 +159,7 @@ def _print_missing_branches(places: Iterable[str], repositories: dict[str, Path]
     confirmed = 0
     for place in places:
         url, *words = place.split()
-        branches = set(words[: len(DISTRIBUTIONS)]) - {"-", "="}
+        branches = set(words[: len(Distribution.BUNDLED)]) - {"-", "="}
         if url in repositories:
             existing = set(_git(repositories[url], "for-each-ref", "--format=%(refname:lstrip=2)").split())
             confirmed += len(branches & existing)

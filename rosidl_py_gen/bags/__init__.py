@@ -3,7 +3,7 @@
 Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
 """
 
-from rosidl_py_gen.base.resources import missing_extra_message as _extra_missing
+from rosidl_py_gen.base.extras import Extra as _Extra
 from rosidl_py_gen.cdr.lazy import stub_exports
 
 # The modules of this package load late; packages of the extra are imported now, so that a missing one is reported here.
@@ -13,6 +13,6 @@ try:
 
     from rosidl_py_gen.bags.storage import zstd as _zstd  # noqa: F401
 except ModuleNotFoundError as missing:
-    raise _extra_missing(missing) or missing from None
+    raise _Extra.missing_error(missing) or missing from None
 
 __getattr__, __dir__, __all__ = stub_exports(__name__)

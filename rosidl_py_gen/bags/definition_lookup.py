@@ -23,8 +23,8 @@ from mcap.decoder import DecoderFactory as McapDecoderFactory
 
 from rosidl_py_gen import compile_definition, decode, get_message, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic, BagWarning
-from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.codec import encoded_length
 from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, HEADER_BYTES, NETWORK_ALIGN
@@ -115,7 +115,7 @@ class Definitions:
         for name, entry in (typestore or {}).items():
             if not isinstance(entry, str) and not (isinstance(entry, type) and issubclass(entry, Message)):
                 raise TypeError(f"typestore: {name}: expected a message class or the text of a definition")
-            self._typestore[str(split_ros_name(name, "msg"))] = entry
+            self._typestore[str(RosName.parse(name, "msg"))] = entry
         self._hashes = hashes
         self._recorded_distro = recorded_distro
         self._cache: dict[tuple[str, ...], TopicDefinition] = {}
@@ -153,7 +153,7 @@ class Definitions:
             return TopicDefinition(_compiled(topic), "the bag", True)
         recorded_hash = topic.type_hash or self._hashes.get((topic.name, topic.type_name), "")
         try:
-            name = str(split_ros_name(topic.type_name, "msg"))
+            name = str(RosName.parse(topic.type_name, "msg"))
             return self._find_by_hash(topic, name, recorded_hash) if recorded_hash else self._find_by_name(name)
         except RosidlError as error:
             if topic.encoding in ENCODINGS:  # an empty text is the definition of an empty message then
@@ -179,10 +179,10 @@ class Definitions:
 
         Returns None if its definitions are not bundled, or the user selected another distribution.
         """
-        if selected().is_explicit:
+        if Distribution.selected().is_explicit:
             return None
         try:
-            return selected(self._recorded_distro()).name
+            return Distribution.selected(self._recorded_distro()).name
         except UnknownDistributionError:  # an older one, or none is stated
             return None
 

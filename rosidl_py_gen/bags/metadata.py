@@ -13,7 +13,7 @@ import yaml
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, DurableFile
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
-from rosidl_py_gen.base.yaml_text import YamlError, compose_yaml, load_yaml
+from rosidl_py_gen.base.yaml_text import YamlError, YamlText
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
@@ -69,7 +69,7 @@ def read_metadata(folder: Path) -> BagMetadata:
     except OSError as error:
         raise BagError(f"{path}: {error.strerror}; every bag folder has this file") from None
     try:
-        value = load_yaml(text, max_bytes=_MAX_BYTES)
+        value = YamlText(text, max_bytes=_MAX_BYTES).load()
     except YamlError as error:
         raise BagError(f"{path}: not YAML: {error}") from None
     try:
@@ -135,7 +135,7 @@ def _custom_data(text: str | bytes, value: Any) -> dict[str, str]:
         return {}
     texts = {key: one if isinstance(one, str) else yaml.safe_dump(one).strip() for key, one in values.items()}
     try:
-        node: Any = compose_yaml(text, anchors=True)
+        node: Any = YamlText(text).compose(anchors=True)
     except YamlError:  # it has aliases
         return texts
     for key in (_ROOT, "custom_data"):
@@ -160,7 +160,7 @@ def recorder_data(text: str) -> RecorderData:
     Raises `BagError` if the text has another format.
     """
     try:
-        value = load_yaml(text)
+        value = YamlText(text).load()
         if isinstance(value, dict) and isinstance(value.get(_ROOT), dict):
             value = value[_ROOT]
         if not isinstance(value, dict):
@@ -271,7 +271,7 @@ def qos_profiles(text: str) -> list[QoSProfile]:
     Policies may be stored as numbers or as names. A policy that is not stored has its default.
     """
     try:
-        return [_parse_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
+        return [_parse_profile(row) for row in YamlText(text, max_bytes=_MAX_QOS_BYTES).load() or ()]
     except Exception:  # the same as in `read_metadata`
         return []
 

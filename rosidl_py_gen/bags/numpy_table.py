@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH, Column, FieldPathError, message_columns
+from rosidl_py_gen.base.field_columns import Column, FieldPathError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -39,8 +39,8 @@ def table(
         pad: value for elements that a message does not have; None raises `BagError`.
     """
     try:
-        columns = message_columns(classes[0], fields)
-        getters = {cls: _getters(columns, message_columns(cls, fields), pad) for cls in classes}
+        columns = Column.of_message(classes[0], fields)
+        getters = {cls: _getters(columns, Column.of_message(cls, fields), pad) for cls in classes}
     except (BagError, FieldPathError) as error:
         raise BagError(f"{where}: {error}") from None
     times, rows = [], []
@@ -79,9 +79,9 @@ def _copying_getter(column: Column, pad: Any) -> Callable[[Any], Any]:
     A sequence of a decoded message shares the memory of the message, which would otherwise stay in memory.
     """
     get, kind, length = column.get, column.kind, column.length
-    if length is None or (pad is not None and length != VARIABLE_LENGTH):
+    if length is None or (pad is not None and length != Column.VARIABLE_LENGTH):
         return get
-    if length == VARIABLE_LENGTH:
+    if length == Column.VARIABLE_LENGTH:
         return (lambda message: list(get(message))) if kind == "U" else (lambda message: np.array(get(message), kind))
 
     def fixed(message: Any) -> Any:
@@ -137,7 +137,7 @@ def _padded_column(column: Column, values: list[Any], pad: Any) -> tuple[str, tu
             pad = _typed_pad(column, pad)
             values = [pad if value is None else value for value in values]
         return _text_kind(values) if column.kind == "U" else column.kind, (), values
-    if length == VARIABLE_LENGTH:
+    if length == Column.VARIABLE_LENGTH:
         if pad is None:
             return "O", (), values
         length = max(map(len, values), default=0)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def bag_path(path: str | os.PathLike[str]) -> Path:
     try:
         from upath import UPath
     except ModuleNotFoundError as missing:
-        raise missing_extra_message(missing) or missing from None
+        raise Extra.missing_error(missing) or missing from None
     try:
         # Of a URL with such a name, universal_pathlib would show what is before it; joined, it is read or refused.
         root = path[: path.rfind("/", 0, path.index("::"))] if has_colons_in_names(path) else path

@@ -18,18 +18,6 @@ FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
 T = TypeVar("T")
 
-EMPTY_MESSAGE = ("structure_needs_at_least_one_member", FieldType("uint8"))
-"""Name and type of the field that messages without fields have in type descriptions."""
-
-
-def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
-    """Return the type description of one type from its fields, without the types that it refers to."""
-    fields = [
-        {"name": field, "type": kind.description(), "default_value": default}
-        for field, kind, default in (tuple(rows) or [(*EMPTY_MESSAGE, "")])
-    ]
-    return {"type_name": name, "fields": fields}
-
 
 def _nested_types(individual: Description) -> Iterable[str]:
     return (nested for field in individual["fields"] if (nested := field["type"]["nested_type_name"]))
@@ -51,21 +39,6 @@ def _closure(name: str, get: Callable[[str], T], below: Callable[[T], Iterable[s
     return {name: found.pop(name), **{key: found[key] for key in sorted(found)}}
 
 
-def rihs01(description: Description) -> str:
-    """Return the RIHS01 hash of a type description, which must include all types to which the type refers.
-
-    Defaults do not count.
-    """
-    referenced = map(_hashed_text, description["referenced_type_descriptions"])
-    return _hash(_hashed_text(description["type_description"]), referenced)
-
-
-def individual_descriptions(description: Description) -> dict[str, Description]:
-    """Return the descriptions of all types in a type description by name, the described type first."""
-    every = [description["type_description"], *description["referenced_type_descriptions"]]
-    return {one["type_name"]: one for one in every}
-
-
 def _hashed_text(description: Description) -> str:
     fields = [{"name": field["name"], "type": field["type"]} for field in description["fields"]]
     return json.dumps({"type_name": description["type_name"], "fields": fields}, separators=(", ", ": "))
@@ -83,10 +56,37 @@ class TypeDescriptions:
     of each type is made only once.
     """
 
+    EMPTY_MESSAGE = ("structure_needs_at_least_one_member", FieldType("uint8"))
+    """Name and type of the field that messages without fields have in type descriptions."""
+
     def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
         self._texts: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._hashes: dict[str, str] = {}
+
+    @classmethod
+    def individual(cls, name: str, rows: Iterable[FieldRow]) -> Description:
+        """Return the type description of one type from its fields, without the types that it refers to."""
+        fields = [
+            {"name": field, "type": kind.description(), "default_value": default}
+            for field, kind, default in (tuple(rows) or [(*cls.EMPTY_MESSAGE, "")])
+        ]
+        return {"type_name": name, "fields": fields}
+
+    @staticmethod
+    def individuals(description: Description) -> dict[str, Description]:
+        """Return the descriptions of all types in a type description by name, the described type first."""
+        every = [description["type_description"], *description["referenced_type_descriptions"]]
+        return {one["type_name"]: one for one in every}
+
+    @staticmethod
+    def rihs01(description: Description) -> str:
+        """Return the RIHS01 hash of a type description, which must include all types to which the type refers.
+
+        Defaults do not count.
+        """
+        referenced = map(_hashed_text, description["referenced_type_descriptions"])
+        return _hash(_hashed_text(description["type_description"]), referenced)
 
     @staticmethod
     def service_rows(name: str) -> tuple[FieldRow, ...]:
@@ -104,7 +104,7 @@ class TypeDescriptions:
 
     def of(self, name: str) -> Description:
         """Return the type description of a type and of all types to which it refers."""
-        return self.assemble(name, lambda part: individual_description(part, self._lookup(part)))
+        return self.assemble(name, lambda part: self.individual(part, self._lookup(part)))
 
     @staticmethod
     def assemble(name: str, individual: Callable[[str], Description]) -> Description:
@@ -125,5 +125,5 @@ class TypeDescriptions:
         if name not in self._texts:
             rows = tuple(self._lookup(name))
             below = dict.fromkeys(kind.base for _, kind, _ in rows if kind.is_message)
-            self._texts[name] = _hashed_text(individual_description(name, rows)), tuple(below)
+            self._texts[name] = _hashed_text(self.individual(name, rows)), tuple(below)
         return self._texts[name]

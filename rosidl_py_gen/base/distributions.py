@@ -17,36 +17,95 @@ from rosidl_py_gen.errors import DistributionWarning, UnknownDistributionError, 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-DISTRIBUTIONS = ("humble", "jazzy", "kilted", "lyrical")
-"""Names of the ROS 2 distributions whose definitions are bundled, oldest first."""
-DEFAULT = "jazzy"
-"""Distribution that is used without a selection. Its definitions are stored in full, other distributions as
-differences."""
-ENVIRONMENT_VARIABLE = "ROS_DISTRO"
 _SAME_AS = {"rolling": "lyrical"}
-NAMES = (*DISTRIBUTIONS, *_SAME_AS)
-"""Names with which users can select a distribution."""
 _command_selections: list[str] = []
-"""Distributions that commands running in this process have selected by `distribution_of_command`; the last one counts.
+"""Distributions that commands running in this process have selected by `Distribution.of_command`; the last one counts.
 Tasks in several threads select the same distribution."""
 _reported: set[str] = set()
 
 
-class DistributionChoice(NamedTuple):
-    """Selected distribution; `is_explicit` is False if it is the default or comes from ROS_DISTRO."""
-
+class _Choice(NamedTuple):
     name: str
     is_explicit: bool
 
+
+class Distribution(_Choice):
+    """Selected distribution of ROS 2, and the names of all distributions that can be selected.
+
+    Attributes:
+        name: name of the distribution, one of `BUNDLED`.
+        is_explicit: False if the distribution is the default or comes from ROS_DISTRO.
+    """
+
+    __slots__ = ()
+
+    BUNDLED = ("humble", "jazzy", "kilted", "lyrical")
+    """Names of the ROS 2 distributions whose definitions are bundled, oldest first."""
+    DEFAULT = "jazzy"
+    """Distribution that is used without a selection. Its definitions are stored in full, other distributions as
+    differences."""
+    NAMES = (*BUNDLED, *_SAME_AS)
+    """Names with which users can select a distribution."""
+    VARIABLE = "ROS_DISTRO"
+    """Environment variable that selects a distribution for a process."""
+    ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
+    """Environment variable in which `rosidl-py run`, or a setup script of a prefix, records the value to which it has
+    set ROS_DISTRO."""
+
+    @classmethod
+    def selected(cls, distro: str | None = None) -> Distribution:
+        """Return the distribution that a call uses: `distro`, else the command's, else ROS_DISTRO, else the default.
+
+        Raises:
+            UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.
+        """
+        if distro is not None:
+            return cls(_checked(distro), True)
+        if _command_selections:
+            return cls(_command_selections[-1], True)
+        name = os.environ.get(cls.VARIABLE, "")
+        if not name:
+            return _DEFAULT_CHOICE
+        found = _find(name)
+        if found is None:
+            if name not in _reported:
+                _reported.add(name)
+                unknown = printable(repr(name), 60)
+                text = f"{cls.VARIABLE}: no definitions of {unknown}; using the definitions of {cls.DEFAULT}"
+                warnings.warn(DistributionWarning(f"{text}. Known: {_expected()}"), stacklevel=3)
+            found = cls.DEFAULT
+        return cls(found, False)
+
+    @classmethod
+    def name_for_node(cls) -> str | None:
+        """Return the distribution that the running command has selected by `of_command`, for a node of the command.
+
+        Returns None without a selection. Returns "" if ROS_DISTRO has the value that `rosidl-py run` or a setup script
+        of a prefix has set.
+        """
+        if _command_selections:
+            return _command_selections[-1]
+        return "" if os.environ.get(cls.VARIABLE) == os.environ.get(cls.ASSUMED_VARIABLE, "") else None
+
+    @staticmethod
+    @contextmanager
+    def of_command(distro: str) -> Iterator[None]:
+        """Select a distribution inside the block, as a command's option ``--distro`` does, for all calls without
+        ``distro=``.
+        """
+        name = _checked(distro)
+        _command_selections.append(name)
+        try:
+            yield
+        finally:
+            del _command_selections[len(_command_selections) - 1 - _command_selections[::-1].index(name)]
+
     def is_since(self, distro: str) -> bool:
         """Return True if the selected distribution is `distro` or a later one."""
-        return DISTRIBUTIONS.index(self.name) >= DISTRIBUTIONS.index(distro)
+        return self.BUNDLED.index(self.name) >= self.BUNDLED.index(distro)
 
 
-_DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
-ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
-"""Environment variable in which `rosidl-py run`, or a setup script of a prefix, records the value to which it has set
-ROS_DISTRO."""
+_DEFAULT_CHOICE = Distribution(Distribution.DEFAULT, False)
 
 
 def _checked(name: str) -> str:
@@ -61,59 +120,11 @@ def _checked(name: str) -> str:
     return found
 
 
-def selected(distro: str | None = None) -> DistributionChoice:
-    """Return the distribution that a call uses: `distro`, else the command's, else ROS_DISTRO, else the default.
-
-    Raises:
-        UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.
-    """
-    if distro is not None:
-        return DistributionChoice(_checked(distro), True)
-    if _command_selections:
-        return DistributionChoice(_command_selections[-1], True)
-    name = os.environ.get(ENVIRONMENT_VARIABLE, "")
-    if not name:
-        return _DEFAULT_CHOICE
-    found = _find(name)
-    if found is None:
-        if name not in _reported:
-            _reported.add(name)
-            unknown = printable(repr(name), 60)
-            text = f"{ENVIRONMENT_VARIABLE}: no definitions of {unknown}; using the definitions of {DEFAULT}"
-            warnings.warn(DistributionWarning(f"{text}. Known: {_expected()}"), stacklevel=3)
-        found = DEFAULT
-    return DistributionChoice(found, False)
-
-
-def command_distribution() -> str | None:
-    """Return the distribution that the running command has selected by `distribution_of_command`.
-
-    Returns None without a selection. Returns "" if ROS_DISTRO has the value that `rosidl-py run` or a setup script of a
-    prefix has set.
-    """
-    if _command_selections:
-        return _command_selections[-1]
-    return "" if os.environ.get(ENVIRONMENT_VARIABLE) == os.environ.get(ASSUMED_VARIABLE, "") else None
-
-
-@contextmanager
-def distribution_of_command(distro: str) -> Iterator[None]:
-    """Select a distribution inside the block, as a command's option ``--distro`` does, for all calls without
-    ``distro=``.
-    """
-    name = _checked(distro)
-    _command_selections.append(name)
-    try:
-        yield
-    finally:
-        del _command_selections[len(_command_selections) - 1 - _command_selections[::-1].index(name)]
-
-
 def _find(name: str) -> str | None:
     lower = name.strip().lower()
     lower = _SAME_AS.get(lower, lower)
-    return lower if lower in DISTRIBUTIONS else None
+    return lower if lower in Distribution.BUNDLED else None
 
 
 def _expected() -> str:
-    return ", ".join(NAMES)
+    return ", ".join(Distribution.NAMES)

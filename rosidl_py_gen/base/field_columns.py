@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from itertools import groupby, islice
 from operator import attrgetter, itemgetter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity
 from rosidl_py_gen.base.names import did_you_mean
@@ -26,9 +26,6 @@ Op: TypeAlias = "str | Get"
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _TIME_FIELDS = [("sec", "int32"), ("nanosec", "uint32")]
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
-VARIABLE_LENGTH = -1
-"""Value of a column's `length` for sequences, whose length varies."""
-MAX_COLUMNS = 10_000
 _MAX_LISTED_NAMES = 500
 
 
@@ -47,33 +44,40 @@ class Column:
         is_time: the value is the nanoseconds of a Time or Duration.
     """
 
+    VARIABLE_LENGTH: ClassVar[int] = -1
+    """Value of `length` for sequences, whose length varies."""
+    MAX_COLUMNS: ClassVar[int] = 10_000
+    """Maximum number of columns that a table has."""
+
     name: str
     get: Get
     kind: str
     length: int | None = None
     is_time: bool = False
 
+    @classmethod
+    def of_message(cls, message: type[Any], fields: Sequence[str] | None) -> list[Column]:
+        """Return the columns of field paths of a message class; None means all numbers, texts and times outside of
+        arrays.
 
-def is_time(cls: type[Any]) -> bool:
-    """Return True for the classes of Time and Duration messages, if they have the usual fields: a bag may define these
-    names otherwise.
-    """
-    info = cls._TYPE
-    return info.name in _TIMES and [(one.ros_name, str(one.type)) for one in info.fields] == _TIME_FIELDS
+        Raises:
+            FieldPathError: a path does not exist.
+        """
+        if fields is None:
+            columns = list(islice(_scalar_columns(message, "", []), cls.MAX_COLUMNS + 1))
+            if len(columns) > cls.MAX_COLUMNS:
+                raise FieldPathError(f"more than {cls.MAX_COLUMNS} columns; pass fields=")
+            return columns
+        paths = [fields] if isinstance(fields, str) else fields
+        return list({column.name: column for path in paths for column in _columns_of_path(message, path)}.values())
 
-
-def message_columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
-    """Return the columns of field paths; None means all numbers, texts and times outside of arrays.
-
-    Raises `FieldPathError` if a path does not exist.
-    """
-    if fields is None:
-        columns = list(islice(_scalar_columns(cls, "", []), MAX_COLUMNS + 1))
-        if len(columns) > MAX_COLUMNS:
-            raise FieldPathError(f"more than {MAX_COLUMNS} columns; pass fields=")
-        return columns
-    paths = [fields] if isinstance(fields, str) else fields
-    return list({column.name: column for path in paths for column in _columns_of_path(cls, path)}.values())
+    @staticmethod
+    def holds_time(message: type[Any]) -> bool:
+        """Return True for the classes of Time and Duration messages, if they have the usual fields: a bag may define
+        these names otherwise.
+        """
+        info = message._TYPE
+        return info.name in _TIMES and [(one.ros_name, str(one.type)) for one in info.fields] == _TIME_FIELDS
 
 
 def _scalar_columns(cls: type[Any], path: str, ops: list[Op], length: int | None = None) -> Iterator[Column]:
@@ -87,7 +91,7 @@ def _value_columns(field: Any, name: str, ops: list[Op], length: int | None) -> 
     if field.cls is None:
         primitive = PRIMITIVES.get(field.type.base)
         yield Column(name, _combined(ops), "U" if primitive is None else primitive.numpy, length)
-    elif is_time(field.cls):
+    elif Column.holds_time(field.cls):
         yield Column(name, _combined([*ops, stamp_ns]), "i8", length, True)
     else:
         yield from _scalar_columns(field.cls, f"{name}.", ops, length)
@@ -148,7 +152,7 @@ def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
             raise FieldPathError(f"{match[0]}: the array has {field.type.capacity} elements")
     else:
         is_fixed = stop is not None and 0 <= (start or 0) <= stop
-        length = (stop or 0) - (start or 0) if is_fixed else VARIABLE_LENGTH
+        length = (stop or 0) - (start or 0) if is_fixed else Column.VARIABLE_LENGTH
     ops.append(itemgetter(slice(start, stop)))
     return length
 
@@ -198,7 +202,7 @@ def _unknown_path_text(cls: type[Any], at: type[Any], path: str, done: str) -> s
 def _path_names(cls: type[Any], path: str = "", depth: int = 0) -> Iterator[str]:
     for field in cls._TYPE.fields:
         name = path + field.ros_name + ("" if field.type.arity is Arity.SCALAR else "[:]")
-        if field.cls is None or is_time(field.cls) or depth > 20:
+        if field.cls is None or Column.holds_time(field.cls) or depth > 20:
             yield name
         else:
             yield from _path_names(field.cls, f"{name}.", depth + 1)

@@ -19,8 +19,6 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-BROKEN_PIPE = 141
-"""Exit code that a shell reports for a program ended by SIGPIPE."""
 REPEAT_S = 0.4
 """Time after a SIGINT in which another SIGINT counts as the same request. A larger value ignores a user who insists;
 with a smaller one, a second signal that a busy machine delivers late interrupts the shutdown."""
@@ -36,6 +34,9 @@ class CommandInterrupts:
         ignores_first: the first signal raises nothing. True while `run` is active, which has its own handler and passes
             a second signal to this handler; after the command; and at the end of a process that ran `ignore_next`.
     """
+
+    BROKEN_PIPE = 141
+    """Exit code that a shell reports for a program ended by SIGPIPE, which Python ignores; a command ends with it."""
 
     def __init__(self) -> None:
         self.ignores_first = False

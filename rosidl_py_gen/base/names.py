@@ -14,8 +14,6 @@ from rosidl_py_gen.errors import InvalidNameError, printable
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-KINDS = ("msg", "srv", "action")
-
 _MAX_DISPLAYED = 300
 """Maximum characters of an invalid name that an error text quotes."""
 
@@ -34,21 +32,55 @@ class SpellingRule(NamedTuple):
         return self.pattern.match(name) is not None
 
 
-PACKAGE_NAME = SpellingRule(
-    re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII),
-    "lower case letters, digits and single underscores, a letter first, no underscore last",
-)
-INTERFACE_NAME = SpellingRule(
-    re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII), "letters and digits, an upper case letter first"
-)
-
-
-class RosName(NamedTuple):
-    """Components of a full interface name such as ``std_msgs/msg/Header``."""
-
+class _Components(NamedTuple):
     package: str
     kind: str
     name: str
+
+
+class RosName(_Components):
+    """Components of a full interface name such as ``std_msgs/msg/Header``, and the rules for them."""
+
+    __slots__ = ()
+
+    KINDS = ("msg", "srv", "action")
+    PACKAGE_RULE = SpellingRule(
+        re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII),
+        "lower case letters, digits and single underscores, a letter first, no underscore last",
+    )
+    """Rule for names of packages."""
+    NAME_RULE = SpellingRule(
+        re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII), "letters and digits, an upper case letter first"
+    )
+    """Rule for names of interfaces in their package. Names of messages that belong to services and actions consist of
+    such names and underscores."""
+
+    @classmethod
+    def parse(cls, text: str, default_kind: str = "") -> RosName:
+        """Return the components of ``pkg/msg/Name``; with a `default_kind` also of ``pkg/Name``.
+
+        Raises:
+            InvalidNameError: the text is not such a name, or a component is invalid.
+        """
+        parts = text.split("/")
+        if len(parts) == 2 and default_kind:
+            parts.insert(1, default_kind)
+        if len(parts) != 3:
+            display = printable(text, _MAX_DISPLAYED)
+            raise InvalidNameError(
+                f'"{display}" is not an interface name; expected package/msg/Name (or /srv/, /action/)'
+            )
+        package, kind, name = parts
+        has_valid_name = all(map(cls.NAME_RULE.allows, name.split("_")))
+        for part, is_valid, rule in (
+            (package, cls.PACKAGE_RULE.allows(package), f"a package name; expected {cls.PACKAGE_RULE}"),
+            (kind, kind in cls.KINDS, "a kind of interface; expected msg, srv or action"),
+            (name, has_valid_name, f"an interface name; expected {cls.NAME_RULE}"),
+        ):
+            if not is_valid:
+                display, wrong = printable(text, _MAX_DISPLAYED), printable(part, _MAX_DISPLAYED)
+                raise InvalidNameError(f'"{display}": "{wrong}" is not {rule}')
+        return cls(package, kind, name)
 
     def __str__(self) -> str:
         return f"{self.package}/{self.kind}/{self.name}"
@@ -63,53 +95,26 @@ class RosName(NamedTuple):
         return "_" + re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", words).lower()
 
 
-def split_ros_name(text: str, default_kind: str = "") -> RosName:
-    """Return the components of ``pkg/msg/Name``; with a `default_kind` also of ``pkg/Name``.
-
-    Raises:
-        InvalidNameError: the text is not such a name, or a component is invalid.
-    """
-    parts = text.split("/")
-    if len(parts) == 2 and default_kind:
-        parts.insert(1, default_kind)
-    if len(parts) != 3:
-        display = printable(text, _MAX_DISPLAYED)
-        raise InvalidNameError(f'"{display}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
-    package, kind, name = parts
-    for part, is_valid, rule in (
-        (package, PACKAGE_NAME.allows(package), f"a package name; expected {PACKAGE_NAME}"),
-        (kind, kind in KINDS, "a kind of interface; expected msg, srv or action"),
-        (name, all(map(INTERFACE_NAME.allows, name.split("_"))), f"an interface name; expected {INTERFACE_NAME}"),
-    ):
-        if not is_valid:
-            display, wrong = printable(text, _MAX_DISPLAYED), printable(part, _MAX_DISPLAYED)
-            raise InvalidNameError(f'"{display}": "{wrong}" is not {rule}')
-    return RosName(package, kind, name)
-
-
 def py_name(name: str) -> str:
     """Return the Python name of a field, constant or class: keywords get a trailing underscore."""
     return name + "_" if keyword.iskeyword(name) else name
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean "x"?`` for the known word most similar to `word`, or "" if none is similar."""
+def did_you_mean(word: str, known: Iterable[str], *, in_namespaces: bool = False) -> str:
+    """Return ``; did you mean "x"?`` for the known word most similar to `word`, or "" if none is similar.
+
+    Args:
+        in_namespaces: the words are names of the graph, of which the same name in another namespace is the most
+            similar. At most 1000 names, and 256 characters of each, are compared.
+    """
+    if in_namespaces:
+        known = [one[:256] for one in islice(known, 1000) if one != word]
+        below = f"/{word.strip('/')}"
+        elsewhere = [one for one in known if "/" not in (below, one) and (one.endswith(below) or below.endswith(one))]
+        if elsewhere:
+            return f'; did you mean "{min(elsewhere, key=len)}"?'
     from difflib import get_close_matches  # slow to import
 
     word = word[:256]  # comparing costs the product of the lengths
     close = get_close_matches(word, known, n=1, cutoff=0.7)
     return f'; did you mean "{printable(close[0])}"?' if close else ""
-
-
-def similar_name(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean "x"?`` for the known ROS name most similar to `name`, or "" if none is similar.
-
-    The same name in another namespace is the most similar. At most 1000 names, and 256 characters of each, are
-    compared.
-    """
-    names = [one[:256] for one in islice(known, 1000) if one != name]
-    below = f"/{name.strip('/')}"
-    elsewhere = [one for one in names if "/" not in (below, one) and (one.endswith(below) or below.endswith(one))]
-    if elsewhere:
-        return f'; did you mean "{min(elsewhere, key=len)}"?'
-    return did_you_mean(name, names)

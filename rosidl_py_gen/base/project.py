@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 if TYPE_CHECKING:
@@ -62,24 +62,24 @@ class GeneratedPackages:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if path is not None or not is_generated(Path(self.folder, fullname, "__init__.py")):
+        if path is not None or not GeneratedCode.is_file(Path(self.folder, fullname, "__init__.py")):
             return None
         return PathFinder.find_spec(fullname, [self.folder], target)
 
-
-@contextmanager
-def importable_current_folder() -> Iterator[None]:
-    """Make the generated packages of the current folder importable inside the block, after all other packages."""
-    try:
-        finder = GeneratedPackages(os.getcwd())
-    except OSError:  # it was deleted
-        yield
-        return
-    sys.meta_path.append(finder)
-    try:
-        yield
-    finally:
-        sys.meta_path.remove(finder)
+    @classmethod
+    @contextmanager
+    def of_current_folder(cls) -> Iterator[None]:
+        """Make the generated packages of the current folder importable inside the block, after all other packages."""
+        try:
+            finder = cls(os.getcwd())
+        except OSError:  # it was deleted
+            yield
+            return
+        sys.meta_path.append(finder)
+        try:
+            yield
+        finally:
+            sys.meta_path.remove(finder)
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:

@@ -45,28 +45,29 @@ def print_next_step(*words: str) -> None:
         print(printable_line(f"next: {' '.join(words)}"), file=sys.stderr, flush=True)
 
 
-def json_text(data: Any, *, indent: int | None = None) -> str:
-    """Return a value as JSON text for a terminal, on one line or indented.
+def json_text(data: Any, *, indent: int | None = None, for_terminal: bool = True) -> str:
+    """Return a value as JSON text, on one line or indented; NaN and the infinities become strings.
 
-    NaN and the infinities become the strings of `rosidl_py_gen.to_json`; control characters become escapes.
+    Args:
+        for_terminal: unprintable characters become escapes.
     """
     try:
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=indent)
     except ValueError:
-        text = json.dumps(json_value(data), ensure_ascii=False, allow_nan=False, indent=indent)
-    return escape_json(text)
+        text = json.dumps(_finite(data), ensure_ascii=False, allow_nan=False, indent=indent)
+    return escape_json(text) if for_terminal else text
 
 
-def json_value(value: Any) -> Any:
+def _finite(value: Any) -> Any:
     """Return a plain value (dicts, lists, scalars) in which NaN and the infinities are replaced by strings, as JSON has
     none.
     """
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, dict):
-        return {key: json_value(item) for key, item in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [json_value(item) for item in value]
+        return [_finite(item) for item in value]
     return value
 
 
@@ -83,15 +84,14 @@ def _escaped(found: re.Match[str]) -> str:
     return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
-MAX_FIRST = 10
+_MAX_FIRST = 10
 """Number of occurrences of an event that are all logged before occurrences are skipped. There are rarely more different
 causes, such as programs on one topic."""
 
 
 def is_logged(count: int) -> bool:
-    """Return True if occurrence number `count` of an event should be logged: 1 to `MAX_FIRST`, then 16, 32, 64 and so
-    on.
+    """Return True if occurrence number `count` of an event should be logged: 1 to 10, then 16, 32, 64 and so on.
 
     A limit for each second would lose messages at the start of a program, when several causes are found at once.
     """
-    return count <= MAX_FIRST or not count & (count - 1)
+    return count <= _MAX_FIRST or not count & (count - 1)

@@ -66,9 +66,33 @@ class XmlElement:
         Raises:
             DefinitionError: the file cannot be read, is not XML, exceeds a limit, or has a document type.
         """
-        data = read_file(path)
+        data = XmlElement.read_bytes(path)
         lines = data.decode("utf-8", "replace").split("\n")
         return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
+
+    @staticmethod
+    def read_bytes(path: str, max_bytes: int = _MAX_FILE_BYTES) -> bytes:
+        """Return the content of an XML file; raises `DefinitionError` if it is not a regular file, cannot be read or is
+        too large.
+        """
+        source = XmlSource(display_path(path))
+        try:
+            # A FIFO without a writer would block without O_NONBLOCK.
+            descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+            try:
+                if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                    raise DefinitionError(source.diagnostic(0, 0, "not a regular file; expected an XML file"))
+                with os.fdopen(descriptor, "rb", closefd=False) as file:
+                    data = file.read(max_bytes + 1)
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise DefinitionError(source.diagnostic(0, 0, f"cannot be read: {error.strerror}")) from None
+        except ValueError:  # a null character
+            raise DefinitionError(source.diagnostic(0, 0, "not a path of a file")) from None
+        if len(data) > max_bytes:
+            raise DefinitionError(source.diagnostic(0, 0, f"more than {max_bytes} bytes; split the file by includes"))
+        return data
 
     @staticmethod
     def parse_fragment(text: str, path: str) -> XmlElement:
@@ -99,28 +123,6 @@ class XmlElement:
 
     def error(self, text: str) -> DefinitionError:
         return DefinitionError(self.diagnostic(text))
-
-
-def read_file(path: str, max_bytes: int = _MAX_FILE_BYTES) -> bytes:
-    """Return the content of a regular file; raises `DefinitionError` if it cannot be read or is too large."""
-    source = XmlSource(display_path(path))
-    try:
-        # A FIFO without a writer would block without O_NONBLOCK.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        try:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise DefinitionError(source.diagnostic(0, 0, "not a regular file; expected an XML file"))
-            with os.fdopen(descriptor, "rb", closefd=False) as file:
-                data = file.read(max_bytes + 1)
-        finally:
-            os.close(descriptor)
-    except OSError as error:
-        raise DefinitionError(source.diagnostic(0, 0, f"cannot be read: {error.strerror}")) from None
-    except ValueError:  # a null character
-        raise DefinitionError(source.diagnostic(0, 0, "not a path of a file")) from None
-    if len(data) > max_bytes:
-        raise DefinitionError(source.diagnostic(0, 0, f"more than {max_bytes} bytes; split the file by includes"))
-    return data
 
 
 class _TreeBuilder:

@@ -22,13 +22,13 @@ import math
 import re
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.errors import RosidlError
 
 try:
     import yaml
 except ModuleNotFoundError as missing:
-    raise missing_extra_message(missing) or missing from None
+    raise Extra.missing_error(missing) or missing from None
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -44,8 +44,6 @@ MAX_VALUES = 1_000_000
 MAX_LEVELS = 100
 """Maximum depth of lists and mappings in a YAML text: each level takes about 500 bytes of a thread's stack."""
 _MAX_DIRECTIVES = 20
-UNTAGGED = "!untagged"
-"""Tag that `compose_yaml` gives to scalars without a tag; their `style` tells plain, quoted and block scalars apart."""
 _TAG = "tag:yaml.org,2002:"
 _STRING = f"{_TAG}str"
 _INT, _FLOAT = f"{_TAG}int", f"{_TAG}float"
@@ -74,7 +72,7 @@ class YamlError(RosidlError, ValueError):
 
 
 class _Loader(_PyYamlLoader):
-    """PyYAML loader that `load_yaml` uses."""
+    """PyYAML loader that `YamlText.load` uses."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own name)
     number: Callable[[str], Any]
@@ -95,7 +93,7 @@ class _Loader(_PyYamlLoader):
 
 
 class _RclpyLoader(_Loader):
-    """PyYAML loader that `load_yaml` uses for rclpy programs: scalars are converted as by ``yaml.safe_load``."""
+    """PyYAML loader that `YamlText.load` uses for rclpy programs: scalars are converted as by ``yaml.safe_load``."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
@@ -106,14 +104,14 @@ class _RclpyLoader(_Loader):
 
 
 class _TreeLoader(_PyYamlLoader):
-    """PyYAML loader that `compose_yaml` uses: all untagged scalars get the tag `UNTAGGED`."""
+    """PyYAML loader that `YamlText.compose` uses: all untagged scalars get the tag `YamlText.UNTAGGED`."""
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
-        return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
+        return YamlText.UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
 
 
 class _AnchorLoader(_TreeLoader):
-    """PyYAML loader that `compose_yaml` uses to ignore anchors instead of refusing them."""
+    """PyYAML loader that `YamlText.compose` uses to ignore anchors instead of refusing them."""
 
 
 def _add_resolvers() -> None:
@@ -146,81 +144,85 @@ def _as_number(text: str) -> int | float:
         return float(text.replace(".inf", "inf").replace(".nan", "nan") if text[-1:] in "fnFN" else text)
 
 
-def load_yaml(
-    text: str | bytes,
-    *,
-    max_bytes: int = _MAX_BYTES,
-    number: Callable[[str], Any] = _as_number,
-    like_rclpy: bool = False,
-) -> Any:
-    """Return the value of a YAML text; None for an empty text.
+class YamlText:
+    """YAML text that is read with limits of its cost.
 
     Args:
         text: bytes are decoded as UTF-8.
         max_bytes: size limit; each character of a str counts as one byte.
-        number: called with the text of each number, returns its value; by default an int or a float.
-        like_rclpy: convert scalars as ``yaml.safe_load`` does: ``1:30`` is 90, ``1e5`` is a text; `number` is ignored.
-
-    Raises:
-        YamlError: the text is not YAML, or exceeds a limit.
+        max_levels: maximum depth of lists and mappings.
     """
 
-    def read(text: str) -> Any:
-        loader = (_RclpyLoader if like_rclpy else _Loader)(text)
-        loader.number = number
-        return loader.get_single_data()
+    UNTAGGED = "!untagged"
+    """Tag that `compose` gives to scalars without a tag; their `style` tells plain, quoted and block scalars apart."""
 
-    return _checked(text, _Loader, max_bytes, MAX_LEVELS, read)
+    def __init__(self, text: str | bytes, *, max_bytes: int = _MAX_BYTES, max_levels: int = MAX_LEVELS) -> None:
+        self._text = text
+        self._max_bytes = max_bytes
+        self._max_levels = max_levels
 
+    def load(self, *, number: Callable[[str], Any] = _as_number, like_rclpy: bool = False) -> Any:
+        """Return the value of the text; None for an empty text.
 
-def compose_yaml(
-    text: str | bytes, *, max_bytes: int = _MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
-) -> yaml.Node | None:
-    """Return the node tree of a YAML text, in which scalars are not converted; None for an empty text.
+        Args:
+            number: called with the text of each number, returns its value; by default an int or a float.
+            like_rclpy: convert scalars as ``yaml.safe_load`` does: ``1:30`` is 90, ``1e5`` is a text; `number` is
+                ignored.
 
-    Scalars without a tag have the tag `UNTAGGED`, also if they look like numbers. With `anchors`, anchors are ignored.
+        Raises:
+            YamlError: the text is not YAML, or exceeds a limit.
+        """
 
-    Raises:
-        YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.
-    """
-    loader = _AnchorLoader if anchors else _TreeLoader
-    node: yaml.Node | None = _checked(text, loader, max_bytes, max_levels, lambda text: loader(text).get_single_node())
-    return node
+        def read(text: str) -> Any:
+            loader = (_RclpyLoader if like_rclpy else _Loader)(text)
+            loader.number = number
+            return loader.get_single_data()
 
+        return self._checked(_Loader, read)
 
-def yaml_events(
-    text: str | bytes, *, max_bytes: int = _MAX_BYTES, max_levels: int = MAX_LEVELS
-) -> Iterator[yaml.Event]:
-    """Yield the events of all documents in a YAML text. Anchors are ignored; the tag of an untagged scalar is None.
+    def compose(self, *, anchors: bool = False) -> yaml.Node | None:
+        """Return the node tree of the text, in which scalars are not converted; None for an empty text.
 
-    Raises:
-        YamlError: the text is not YAML, exceeds a limit, or has aliases. Events before the place were yielded.
-    """
-    with _yaml_errors():
-        for event in _checked_events(_decoded(text, max_bytes), _PyYamlLoader, max_levels):
-            if isinstance(event, yaml.AliasEvent):
-                raise YamlError("anchors and aliases are not supported", event.start_mark)
-            yield event
+        Scalars without a tag have the tag `UNTAGGED`, also if they look like numbers. With `anchors`, anchors are
+        ignored.
 
+        Raises:
+            YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.
+        """
+        loader = _AnchorLoader if anchors else _TreeLoader
+        node: yaml.Node | None = self._checked(loader, lambda text: loader(text).get_single_node())
+        return node
 
-def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, read: Callable[[str], Any]) -> Any:
-    with _yaml_errors():
-        text = _decoded(text, max_bytes)
-        for event in _checked_events(text, loader, max_levels):
-            is_refused = loader is _TreeLoader or (loader is _AnchorLoader and isinstance(event, yaml.AliasEvent))
-            if is_refused and getattr(event, "anchor", None) is not None:
-                raise YamlError("anchors and aliases are not supported", event.start_mark)
-        return read(text)
+    def events(self) -> Iterator[yaml.Event]:
+        """Yield the events of all documents in the text. Anchors are ignored; the tag of an untagged scalar is None.
 
+        Raises:
+            YamlError: the text is not YAML, exceeds a limit, or has aliases. Events before the place were yielded.
+        """
+        with _yaml_errors():
+            for event in _checked_events(self._decoded(), _PyYamlLoader, self._max_levels):
+                if isinstance(event, yaml.AliasEvent):
+                    raise YamlError("anchors and aliases are not supported", event.start_mark)
+                yield event
 
-def _decoded(text: str | bytes, max_bytes: int) -> str:
-    """Decode a YAML text from bytes and return it; raises `YamlError` if its size or its directives exceed a limit."""
-    if len(text) > max_bytes:
-        raise YamlError(f"{len(text)} bytes; expected at most {max_bytes}")
-    text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
-    if sum(1 for _ in _DIRECTIVE.finditer(text)) > _MAX_DIRECTIVES:
-        raise YamlError(f"more than {_MAX_DIRECTIVES} %TAG directives")
-    return text
+    def _checked(self, loader: Any, read: Callable[[str], Any]) -> Any:
+        with _yaml_errors():
+            text = self._decoded()
+            for event in _checked_events(text, loader, self._max_levels):
+                is_refused = loader is _TreeLoader or (loader is _AnchorLoader and isinstance(event, yaml.AliasEvent))
+                if is_refused and getattr(event, "anchor", None) is not None:
+                    raise YamlError("anchors and aliases are not supported", event.start_mark)
+            return read(text)
+
+    def _decoded(self) -> str:
+        """Return the text, decoded from bytes; raises `YamlError` if its size or its directives exceed a limit."""
+        text = self._text
+        if len(text) > self._max_bytes:
+            raise YamlError(f"{len(text)} bytes; expected at most {self._max_bytes}")
+        text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        if sum(1 for _ in _DIRECTIVE.finditer(text)) > _MAX_DIRECTIVES:
+            raise YamlError(f"more than {_MAX_DIRECTIVES} %TAG directives")
+        return text
 
 
 @contextlib.contextmanager

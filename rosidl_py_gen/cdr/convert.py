@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.terminal_text import json_value
+from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, short_repr
 from rosidl_py_gen.cdr.codec import validate
 from rosidl_py_gen.cdr.message import Field, Message, require_message
@@ -68,7 +68,7 @@ def to_json(message: Message, *, indent: int | None = None) -> str:
         TypeNotFoundError: the argument is not a generated message.
     """
     try:
-        return json.dumps(json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
+        return json_text(to_dict(message), indent=indent, for_terminal=False)
     except TypeError:
         validate(message)
         raise

@@ -231,7 +231,7 @@ class CommandNode:
             CommandError: it did not appear within `timeout_s`; the text suggests a similar name.
             InvalidNameError: `name` is invalid.
         """
-        from rosidl_py_gen.base.names import similar_name
+        from rosidl_py_gen.base.names import did_you_mean
         from rosidl_py_gen.command_support import terminal_output
 
         full = self.full_name(name, kind)
@@ -244,7 +244,8 @@ class CommandNode:
         finally:
             waiting.cancel()
         names = [name for name in self.names(kind) if "/_" not in name]  # without the names of this command
-        hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
+        count = f"; `rosidl-py {kind} list` shows {len(names)}" if names else ""
+        hint = did_you_mean(full, names, in_namespaces=True) or count
         raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS}")
 
     # ----------------------------------------------------------------------------------------------------------- graph

@@ -10,7 +10,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen import get_action, get_message, get_service
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import TypeNotFoundError
@@ -108,7 +108,7 @@ async def interface_class(
     """
     definition, get, resolve = _KINDS[kind]
     types = command_node.announced_types(kind, name)
-    wanted = _only(kind, name, types) if type_name is None else str(split_ros_name(type_name, definition))
+    wanted = _only(kind, name, types) if type_name is None else str(RosName.parse(type_name, definition))
     if wanted in types:
         return await getattr(command_node.node, resolve)(name, wanted, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
     if types and kind != "topic":
@@ -126,7 +126,7 @@ def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
 
     class OpaqueMessage(Message):
         __slots__ = ()
-        _TYPE = TypeInfo(str(split_ros_name(type_name, "msg")), type_hash, ())
+        _TYPE = TypeInfo(str(RosName.parse(type_name, "msg")), type_hash, ())
 
     return OpaqueMessage
 
@@ -134,7 +134,7 @@ def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
 def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
     """Return a class without fields for serialized messages of a topic; raises `CommandError` for several types."""
     types = command_node.announced_types("topic", topic)
-    name = str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, types)
+    name = str(RosName.parse(type_name, "msg")) if type_name else _only("topic", topic, types)
     endpoints = [
         *command_node.node.get_publishers_info_by_topic(topic),
         *command_node.node.get_subscriptions_info_by_topic(topic),

@@ -18,15 +18,9 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS, selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, py_name
-from rosidl_py_gen.base.resources import (
-    GENERATED_HEADER,
-    MSGS_PACKAGE,
-    PREGENERATED_PACKAGE,
-    interfaces_dir,
-    is_generated,
-)
+from rosidl_py_gen.base.resources import DataFolders, GeneratedCode
 from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, package_sources
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, is_absent
 from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
@@ -70,7 +64,7 @@ def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Cha
             foreign.append(f"{blocker} is a file; expected a folder")
         elif not os.path.lexists(target):
             written.append(name)
-        elif not os.path.isfile(target) or not is_generated(target):
+        elif not os.path.isfile(target) or not GeneratedCode.is_file(target):
             foreign.append(f"{target} exists and was not written by rosidl-py-gen")
         elif target.read_bytes() != text.encode():
             written.append(name)
@@ -125,7 +119,7 @@ def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
             for place in (f"{package}/msg", f"{package}/srv", f"{package}/action", package):
                 if os.path.isdir(folder / place):
                     names = (name for name in sorted(os.listdir(folder / place)) if name.endswith((".py", "py.typed")))
-                    found += [f"{place}/{name}" for name in names if is_generated(folder / place / name)]
+                    found += [f"{place}/{name}" for name in names if GeneratedCode.is_file(folder / place / name)]
     except OSError as error:
         raise OutputError(f"cannot read {error.filename or folder}: {error.strerror or error}") from error
     return found
@@ -135,7 +129,7 @@ def generated_packages(folder: Path) -> list[str]:
     """Return the names of the packages in an output folder whose ``__init__.py`` the generator wrote."""
     if not os.path.isdir(folder):
         return []
-    return [name for name in sorted(os.listdir(folder)) if is_generated(folder / name / "__init__.py")]
+    return [name for name in sorted(os.listdir(folder)) if GeneratedCode.is_file(folder / name / "__init__.py")]
 
 
 RUNTIME_PACKAGES = (
@@ -181,7 +175,7 @@ def load_distribution(distro: str) -> tuple[InterfaceRegistry, list[RosName]]:
     Raises:
         UnknownDistributionError: the definitions of `distro` are not bundled.
     """
-    distro = selected(distro).name
+    distro = Distribution.selected(distro).name
     registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
     return registry, [name for name in names if not is_absent(name, distro)]
 
@@ -256,7 +250,7 @@ def generate(
     problems = sorted_diagnostics([*registry.diagnostics.items, *(skipped if keep_going else ())])
     if problems and not (keep_going and names):
         raise DefinitionError(problems, notes, partial=bool(names))
-    known = runtime_classes(registry) if root != MSGS_PACKAGE else lambda name: None
+    known = runtime_classes(registry) if root != GeneratedCode.RUNTIME_PREFIX else lambda name: None
     index = count()
     target = Target(root, known, registry.type_hash)
     files = package_sources(registry, names, target, lambda name: progress(name, next(index), len(names)))
@@ -288,7 +282,7 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
 
     The function takes the full name of a type and returns the module whose class has the same definition, else None.
     """
-    bundled = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
+    bundled = InterfaceRegistry(scan_search_path([DataFolders.interfaces()], ament="", bundled=False))
 
     @cache
     def find_module(full_name: str) -> str | None:
@@ -298,15 +292,15 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
         if registry.interface(name) is None or bundled.interface(name) is None:
             return None
         is_same = registry.description_and_constants(full_name) == bundled.description_and_constants(full_name)
-        return MSGS_PACKAGE + module_path(full_name) if is_same else None
+        return GeneratedCode.RUNTIME_PREFIX + module_path(full_name) if is_same else None
 
     return find_module
 
 
 def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
-    search = scan_search_path([interfaces_dir()], ament="", bundled=False)
-    result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=MSGS_PACKAGE)
+    search = scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
+    result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=GeneratedCode.RUNTIME_PREFIX)
     table = {
         "hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES))),
         "distribution_hashes.py": _distribution_table(),
@@ -318,11 +312,11 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
 
 
 def generate_pregenerated(folder: Path) -> GenerationResult:
-    """Generate the bundled interfaces for a wheel as the package `PREGENERATED_PACKAGE`."""
-    search = scan_search_path([interfaces_dir()], ament="", bundled=False)
-    result = generate(search, [], folder, root=PREGENERATED_PACKAGE)
+    """Generate the bundled interfaces for a wheel below `GeneratedCode.BUNDLED_PREFIX`."""
+    search = scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
+    result = generate(search, [], folder, root=GeneratedCode.BUNDLED_PREFIX)
     (folder / "__init__.py").write_text(
-        f'{GENERATED_HEADER}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8"
+        f'{GeneratedCode.HEADER}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8"
     )
     return result
 
@@ -330,7 +324,7 @@ def generate_pregenerated(folder: Path) -> GenerationResult:
 def _distribution_table() -> str:
     """Return the source of a module with the hashes of types that differ between distributions."""
     hashes: dict[str, dict[str, list[str]]] = {}
-    for distro in DISTRIBUTIONS:
+    for distro in Distribution.BUNDLED:
         registry, names = load_distribution(distro)
         for top in names:
             for name in registry.closure(str(top)):
@@ -338,7 +332,7 @@ def _distribution_table() -> str:
                     hashes.setdefault(name, {}).setdefault(registry.type_hash(name), []).append(distro)
     rows = ""
     for name, found in sorted(hashes.items()):
-        if [*found.values()] != [[*DISTRIBUTIONS]]:
+        if [*found.values()] != [[*Distribution.BUNDLED]]:
             texts = "".join(f'        "{text}": "{" ".join(distros)}",\n' for text, distros in found.items())
             rows += f'    "{name}": {{\n{texts}    }},\n'
     text = "RIHS01 hashes and their distributions, oldest first, of the bundled types that not all distributions share."
@@ -353,4 +347,4 @@ def _hash_table(registry: InterfaceRegistry, names: list[RosName]) -> str:
 
 
 def _hashes_module(description: str, rows: str) -> str:
-    return f'{GENERATED_HEADER}. Do not edit.\n"""{description}"""\n\nHASHES = {{\n{rows}}}\n'
+    return f'{GeneratedCode.HEADER}. Do not edit.\n"""{description}"""\n\nHASHES = {{\n{rows}}}\n'

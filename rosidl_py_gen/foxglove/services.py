@@ -15,7 +15,7 @@ import re
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
 from rosidl_py_gen.command_support.graph_lookup import is_hidden, is_hidden_node
@@ -64,7 +64,7 @@ class ServiceBridge:
     async def _show(self, name_and_type: tuple[str, str]) -> None:
         name, type_name = name_and_type
         try:
-            split_ros_name(type_name, "srv")
+            RosName.parse(type_name, "srv")
             async with self._tasks.limiter:
                 cls: Any = await graph_lookup.interface_class(
                     self._command_node, "service", name, type_name, self._paths

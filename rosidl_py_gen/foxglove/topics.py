@@ -19,7 +19,7 @@ from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen import Message, compile_definition, encode, get_message, type_hash
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
 from rosidl_py_gen.command_support.graph_lookup import is_hidden
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
@@ -241,7 +241,7 @@ class ClientPublishing:
             raise CommandError(
                 f'its encoding is "{printable(offer.encoding)[:40]}"; expected {" or ".join(_ENCODINGS)}'
             )
-        name = str(split_ros_name(offer.schema_name, "msg"))
+        name = str(RosName.parse(offer.schema_name, "msg"))
         if not self._has_type(topic, name):
             try:
                 return await self._compiling.run(lambda: get_message(name, path=self._paths))

@@ -20,8 +20,8 @@ import click
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.project import importable_current_folder, with_project_path
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.project import GeneratedPackages, with_project_path
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.generator_cli.command_line import (
@@ -382,7 +382,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
     from rosidl_py_gen.type_loading import registry_of_generated_class
 
-    top = split_ros_name(name, "msg")
+    top = RosName.parse(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None
     try:
         owner = registry.read_checked(top)
@@ -544,7 +544,7 @@ def _main(arguments: list[str] | None) -> None:
     if "_ROSIDL_PY_GEN_COMPLETE" in os.environ:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     try:
-        with importable_current_folder():
+        with GeneratedPackages.of_current_folder():
             code = cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
         if isinstance(code, int) and code:
             sys.exit(code)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.distributions import NAMES, distribution_of_command
-from rosidl_py_gen.base.interrupts import BROKEN_PIPE
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.terminal_text import json_text, pluralize, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
 
@@ -95,7 +95,7 @@ def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
         click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
     except BrokenPipeError:  # the reader of the output has ended, as `head` does; click would end with 1
         os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
-        raise click.exceptions.Exit(BROKEN_PIPE) from None
+        raise click.exceptions.Exit(command_interrupts.BROKEN_PIPE) from None
 
 
 def _styled(text: str, style: str) -> str:
@@ -159,13 +159,13 @@ def suggestions(find: Callable[[], list[Any]]) -> list[Any]:
         return []
 
 
-DISTRIBUTION = click.Choice(NAMES, case_sensitive=False)
+DISTRIBUTION = click.Choice(Distribution.NAMES, case_sensitive=False)
 """Click type of a parameter that names a ROS 2 distribution."""
 
 
 def _select(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
     if value is not None:
-        ctx.with_resource(distribution_of_command(value))
+        ctx.with_resource(Distribution.of_command(value))
 
 
 distro: Callable[[Any], Any] = click.option(

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen import encode, to_dict, type_description
-from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
-from rosidl_py_gen.base.names import did_you_mean, split_ros_name
+from rosidl_py_gen.base.descriptions import TypeDescriptions
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
     registry_from_descriptions,
@@ -97,7 +97,7 @@ class LoadedDefinitions:
             if name in self.facts.interfaces:
                 continue
             try:
-                owner = registry.read_checked(split_ros_name(name))
+                owner = registry.read_checked(RosName.parse(name))
             except TypeNotFoundError:
                 continue
             found = collect(registry, [owner])
@@ -221,7 +221,7 @@ def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
             try:
                 found = bag.definition(channel)
                 text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
-                name = split_ros_name(channel.type_name, "msg")
+                name = RosName.parse(channel.type_name, "msg")
                 search = search or scan_search_path()  # for types that the text of a bag lacks
                 registry = registry_from_text(name, text, search)
             except RosidlError as error:
@@ -335,19 +335,19 @@ def _from_description(type_name: str, answer: Any) -> DefinitionSet:
     if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
         raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
     description = to_dict(answer.type_description)
-    name = split_ros_name(type_name)
+    name = RosName.parse(type_name)
     if (other := description["type_description"]["type_name"]) != type_name:
         raise SourceError(f"the answer describes another type: {other[:100]}")
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
-    registry = registry_from_descriptions(name, individual_descriptions(description), sources)
-    if registry.type_hash(type_name) != rihs01(description):
+    registry = registry_from_descriptions(name, TypeDescriptions.individuals(description), sources)
+    if registry.type_hash(type_name) != TypeDescriptions.rihs01(description):
         raise SourceError("the answer describes types that do not belong to it")
     return collect_with_dependencies(registry, registry.owner(name) or name)
 
 
 def _from_class(type_name: str, cls: type[Any]) -> DefinitionSet:
-    name = split_ros_name(type_name)
-    individuals = individual_descriptions(type_description(cls))
+    name = RosName.parse(type_name)
+    individuals = TypeDescriptions.individuals(type_description(cls))
     return collect_with_dependencies(
         registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name
     )
@@ -374,7 +374,7 @@ def diff(
         )
     if wanted := split_filter(selection):
         known = {*before.facts.interfaces, *after.facts.interfaces}
-        names = [str(split_ros_name(name, "msg")) if "/" in name else name for name in wanted]
+        names = [str(RosName.parse(name, "msg")) if "/" in name else name for name in wanted]
         for name in names:
             if name not in known and all(name != type_name.partition("/")[0] for type_name in known):
                 raise SourceError(f"--filter {name}: neither {old} nor {new} has it{did_you_mean(name, known)}")

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.numpy.common import (
     ConversionError,
     M,
@@ -501,5 +501,5 @@ def pillow_image() -> ModuleType:
     try:
         from PIL import Image
     except ModuleNotFoundError as missing:
-        raise missing_extra_message(missing) or missing from None
+        raise Extra.missing_error(missing) or missing from None
     return Image

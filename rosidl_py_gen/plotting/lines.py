@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from rosidl_py_gen.base.field_columns import Column, FieldPathError, message_columns
+from rosidl_py_gen.base.field_columns import Column, FieldPathError
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -193,7 +193,7 @@ def numeric_columns(cls: type[Any], topic: str, paths: Sequence[str]) -> list[Co
     found: dict[str, Column] = {}
     for path in paths:
         try:
-            columns = message_columns(cls, [path])
+            columns = Column.of_message(cls, [path])
         except FieldPathError as error:
             reason = str(error).partition("; columns are ")[0].replace("no column", "no field", 1)
             raise CommandError(f"{topic}: {reason}; {numeric}") from None

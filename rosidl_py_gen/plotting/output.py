@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.resources import install_command, require_modules
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import terminal_output
 
@@ -163,12 +163,12 @@ class LivePlot:
 
 def _require_output(out: str | None, in_terminal: bool) -> None:
     if out is not None:
-        require_modules("matplotlib")
+        Extra.require_modules("matplotlib")
         from rosidl_py_gen.plotting.figure import require_format
 
         require_format(out)
     elif in_terminal or not _has_display() or importlib.util.find_spec("matplotlib") is None:
-        require_modules("plotext")
+        Extra.require_modules("plotext")
 
 
 def _count_text(panels: Sequence[PlotPanel]) -> str:
@@ -192,7 +192,7 @@ def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
         yield None
         return
     if importlib.util.find_spec("matplotlib") is None:
-        terminal_output.note(f"a window needs matplotlib: {install_command('plot')}")
+        terminal_output.note(f"a window needs matplotlib: {Extra('plot').install_command()}")
         yield None
         return
     from rosidl_py_gen.plotting.figure import open_window
@@ -230,7 +230,7 @@ def _terminal_plot() -> Iterator[Callable[[Sequence[PlotPanel], TimeAxis], None]
 
 
 def _text(panels: Sequence[PlotPanel], axis: TimeAxis) -> str:
-    require_modules("plotext")
+    Extra.require_modules("plotext")
     from rosidl_py_gen.plotting.text_plot import text_plot
 
     size = shutil.get_terminal_size()

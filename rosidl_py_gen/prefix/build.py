@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.folder_trust import make_folder, tree_reason
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.compiler.frontend import Workspace, bundled_packages, inside
@@ -142,7 +142,7 @@ def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFi
     """
     if os.pathsep in str(prefix):
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
-    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
+    names = {name for distro in Distribution.BUNDLED for name in bundled_packages(distro)}
     names |= {plan.name for plan in plans if f"{INDEX}/rosidl_interfaces/{plan.name}" in plan.files}
     names |= {*COMPANIONS, "rosidl_parser"}
     template = Path(__file__).with_name("sitecustomize_template.py").read_text(encoding="utf-8")
@@ -161,7 +161,7 @@ def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFi
 def _posix_script(prefix: Path) -> str:
     lines = [f"export {name}={value}" for name, value in FIXED.items()]
     for name, value in of_distribution().items():
-        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {name}={value}')
+        lines.append(f'[ -n "${{{Distribution.VARIABLE}:-}}" ] || export {name}={value}')
     for name, folder in folders(prefix).items():
         quoted, old = shlex.quote(str(folder)), f"${{{name}:+:${{{name}}}}}"
         lines.append(f'case "{old}:" in *:{quoted}:*) ;; *) export {name}={quoted}"{old}" ;; esac')
@@ -171,7 +171,7 @@ def _posix_script(prefix: Path) -> str:
 def _fish_script(prefix: Path) -> str:
     lines = [f"set -gx {name} {value}" for name, value in FIXED.items()]
     for name, value in of_distribution().items():
-        lines.append(f'test -n "${ENVIRONMENT_VARIABLE}"; or set -gx {name} {value}')
+        lines.append(f'test -n "${Distribution.VARIABLE}"; or set -gx {name} {value}')
     for name, folder in folders(prefix).items():
         quoted = "'" + str(folder).replace("\\", "\\\\").replace("'", "\\'") + "'"
         value = f"{quoted} $PATH" if name == "PATH" else f"(string join : -- {quoted} ${name})"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONMENT_VARIABLE, selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.compiler.frontend import Workspace, package_around
@@ -111,11 +111,12 @@ def variables(prefix: Path | None) -> dict[str, str]:
 
 def of_distribution() -> dict[str, str]:
     """Return the variables that name the selected distribution; {} if only the user has set ROS_DISTRO."""
-    choice = selected()
+    choice = Distribution.selected()
     if choice.is_explicit:
-        return {ENVIRONMENT_VARIABLE: choice.name}
-    is_default = os.environ.get(ENVIRONMENT_VARIABLE) in (None, "", os.environ.get(ASSUMED_VARIABLE))
-    return {ASSUMED_VARIABLE: DEFAULT, ENVIRONMENT_VARIABLE: DEFAULT} if is_default else {}
+        return {Distribution.VARIABLE: choice.name}
+    is_default = os.environ.get(Distribution.VARIABLE) in (None, "", os.environ.get(Distribution.ASSUMED_VARIABLE))
+    variables = (Distribution.ASSUMED_VARIABLE, Distribution.VARIABLE)
+    return dict.fromkeys(variables, Distribution.DEFAULT) if is_default else {}
 
 
 def folders(prefix: Path) -> dict[str, Path]:

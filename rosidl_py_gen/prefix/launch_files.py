@@ -27,10 +27,10 @@ from types import FrameType
 from typing import Any
 from xml.etree.ElementTree import ParseError
 
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import require_modules
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.compiler.frontend import files_below
 from rosidl_py_gen.errors import display_path
@@ -178,7 +178,7 @@ class MissingParts:
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
         package = part.rpartition(" ")[2].partition(".")[0]
-        note = install_note(package) or download_note(package, selected().name)
+        note = install_note(package) or MessagePackage(package).download_note(Distribution.selected().name)
         cure = note or "install it, or pass the folder of its package with --path"
         return f"{place}: missing {part}; {cure}" + ("" if self._skip else ", or start the rest with --missing skip")
 
@@ -364,7 +364,7 @@ def _require_packages(*names: str) -> None:
         else:
             continue
         raise CommandError(f"{text}; run: {install_command_of(name)}")
-    require_modules("osrf_pycommon", "packaging", "yaml")
+    Extra.require_modules("osrf_pycommon", "packaging", "yaml")
 
 
 def _file_of_package(package: str, name: str) -> str:

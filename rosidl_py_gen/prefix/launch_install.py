@@ -23,10 +23,10 @@ from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 from zipfile import BadZipFile, ZipFile
 
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.package_repositories import branch_of
-from rosidl_py_gen.base.resources import extra_requirements
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
@@ -75,7 +75,7 @@ class Origin:
     sha256: str = ""
     folder: str = ""
     version: str = ""
-    distribution: str = field(default_factory=lambda: selected().name)
+    distribution: str = field(default_factory=lambda: Distribution.selected().name)
 
     @property
     def text(self) -> str:
@@ -138,7 +138,7 @@ def _install_requirements(installer: Installer) -> None:
     """Install the modules of the package index that launch needs, unless they are installed."""
     if all(map(find_spec, _REQUIREMENTS)):
         return
-    requirements = extra_requirements(_EXTRA) or [*_REQUIREMENTS.values()]
+    requirements = Extra(_EXTRA).requirements() or [*_REQUIREMENTS.values()]
     try:
         installer.require(*requirements)
     except OutputError as error:
@@ -174,10 +174,10 @@ def _sources(names: Sequence[str], clones: Sequence[str], folder: Path) -> Itera
     if clones:
         yield _from_clones(names, [*names, *messages], clones)
         return
-    distro = selected().name
+    distro = Distribution.selected().name
     by_branch: dict[tuple[str, str], list[str]] = {}
     for name, repository in ({name: repository_of(name) for name in names} | messages).items():
-        by_branch.setdefault((repository, branch_of(name, distro)[0]), []).append(name)
+        by_branch.setdefault((repository, MessagePackage(name).branch(distro)[0]), []).append(name)
     found: dict[str, _PackageSource] = {}
     for number, ((repository, branch), packages) in enumerate(by_branch.items()):
         found |= _from_archive(repository, branch, packages, folder / str(number))
@@ -193,7 +193,7 @@ def _from_clones(names: Sequence[str], wanted: Sequence[str], clones: Sequence[s
     if absent := [name for name in names if name not in packages]:
         searched = ", ".join(map(display_path, clones))
         text = f"{searched}: no package {', '.join(absent)}; expected clones of {_repositories(absent)}"
-        raise CommandError(f"{text}, branch {selected().name}")
+        raise CommandError(f"{text}, branch {Distribution.selected().name}")
     found = {}
     for name in wanted:
         if name in packages:

@@ -5,7 +5,7 @@ The packages are neither bundled nor on the Python package index.
 
 from __future__ import annotations
 
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 
 REPOSITORIES = {
     "ros2/launch": ("launch", "launch_xml", "launch_yaml", "launch_testing", "launch_pytest"),
@@ -32,7 +32,7 @@ def repository_of(package: str) -> str:
 
 def install_command_of(*packages: str) -> str:
     """Return the command that installs packages of the table, for the selected distribution."""
-    choice = selected()
+    choice = Distribution.selected()
     names = [name for name in packages if name not in LAUNCH_PACKAGES]
     distro = ["--distro", choice.name] if choice.is_explicit else []
     return " ".join(("rosidl-py launch --install", *names, *distro))

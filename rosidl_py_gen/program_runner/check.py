@@ -22,10 +22,10 @@ from types import ModuleType
 from typing import Any
 
 from rosidl_py_gen import RosidlError, found_packages
-from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.names import KINDS, did_you_mean
-from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
+from rosidl_py_gen.base.names import RosName, did_you_mean
+from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import display_path
@@ -200,7 +200,7 @@ class _FileChecker:
         try:
             module = _import_module(one.module)
         except ModuleNotFoundError as error:
-            module, problem = None, f"{one.module}: {missing_extra_message(error) or error}"
+            module, problem = None, f"{one.module}: {Extra.missing_error(error) or error}"
         if module is None:
             parent, _, name = one.module.rpartition(".")
             hint = did_you_mean(name, dir(sys.modules[parent])) if parent in sys.modules else ""
@@ -223,10 +223,10 @@ class _FileChecker:
         elif one.is_required and (owner := self._modules.owner_without(one.module)) is not None:
             self._add(one.line, f"no module {one.module} in {display_path(owner.parent)}")
         elif top not in sys.stdlib_module_names and not _is_installed(top) and one.is_required:
-            is_message_package = one.module.partition(".")[2].partition(".")[0] in KINDS
+            is_message_package = one.module.partition(".")[2].partition(".")[0] in RosName.KINDS
             hint = did_you_mean(top, found_packages()) if is_message_package else ""
             advice = "its definitions can be given with --path" if is_message_package else "it is not installed"
-            note = install_note(top) or download_note(top, selected().name)
+            note = install_note(top) or MessagePackage(top).download_note(Distribution.selected().name)
             self._add(one.line, f"no package {top}. {note}" if note else f"no package {top}{hint}; {advice}")
 
     def _is_missing(self, one: _Import) -> bool:
@@ -315,7 +315,7 @@ def _is_ours(module: str) -> bool:
     package = found_packages().get(top)
     if package is None:
         return False
-    return rest.partition(".")[0] in KINDS or not (rest or (package.folder / top / "__init__.py").is_file())
+    return rest.partition(".")[0] in RosName.KINDS or not (rest or (package.folder / top / "__init__.py").is_file())
 
 
 def _import_module(name: str) -> ModuleType | None:

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any
 
-from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.command_support import CommandError, report
 from rosidl_py_gen.prefix.environment import Executable
 from rosidl_py_gen.prefix.launch_packages import install_note
@@ -34,7 +34,7 @@ _COMMAND_DIRS = tuple(
 )
 _SIGNAL_HANDLER = str(RCLPY_COMPAT_DIR / "rclpy" / "signals.py")
 _STDLIB = str(Path(linecache.__file__).parent)
-_KINDS = "|".join(KINDS)
+_KINDS = "|".join(RosName.KINDS)
 _MESSAGE_PACKAGE_NAME = re.compile(r"\w+_(msgs?|srvs|interfaces)")
 
 
@@ -194,7 +194,7 @@ def _is_of_python(file: str) -> bool:
 def _is_message_module(module: str, traceback: TracebackType | None) -> bool:
     """Return True if a missing module is of a message package, by its name or by the line that imports it."""
     package, _, rest = module.partition(".")
-    if rest in KINDS or _MESSAGE_PACKAGE_NAME.fullmatch(package):
+    if rest in RosName.KINDS or _MESSAGE_PACKAGE_NAME.fullmatch(package):
         return True
     message_import = re.compile(rf"\b{re.escape(package)}(\.|\s+import\s+)({_KINDS})\b")
     lines = (linecache.getline(one.tb_frame.f_code.co_filename, one.tb_lineno) for one in _entries(traceback))

@@ -14,8 +14,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.terminal_text import MAX_FIRST
-from rosidl_py_gen.base.xml_reader import XmlElement, read_file
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
 from rosidl_py_gen.tf import Pose
@@ -24,6 +23,8 @@ MAX_BYTES = 8 << 20  # URDFs of humanoids with all their meshes have about 500 k
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
 """Types of URDF joints that have one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
+_MAX_LOGGED = 10
+"""Maximum number of warnings about one robot description that are logged."""
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 """Pattern of the numbers that urdfdom reads, which excludes infinity, NaN, hexadecimal digits and the decimal comma."""
 
@@ -70,7 +71,7 @@ class Joint:
 def read_description(path: str) -> str:
     """Return the text of a URDF file; raises `DefinitionError` if it cannot be read, is too large or not UTF-8."""
     try:
-        return read_file(path, MAX_BYTES).decode("utf-8-sig")
+        return XmlElement.read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         text = f"not UTF-8 at byte {error.start}; save as UTF-8"
         raise DefinitionError(Diagnostic(display_path(path), 0, 0, text)) from None
@@ -112,9 +113,9 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
 
 def _log(warnings: list[Diagnostic]) -> None:
     logger = get_logger("robot_description")
-    for warning in warnings[:MAX_FIRST]:
+    for warning in warnings[:_MAX_LOGGED]:
         logger.warning(str(warning))
-    if (more := len(warnings) - MAX_FIRST) > 0:
+    if (more := len(warnings) - _MAX_LOGGED) > 0:
         logger.warning(f"{more} further warnings about this robot description are not logged")
 
 

@@ -24,9 +24,9 @@ from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.base.interrupts import BROKEN_PIPE, command_interrupts
-from rosidl_py_gen.base.project import importable_current_folder, with_project_path
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
+from rosidl_py_gen.base.interrupts import command_interrupts
+from rosidl_py_gen.base.project import GeneratedPackages, with_project_path
 from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.command_support import report
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
@@ -91,7 +91,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
             sys.stdout.flush()
         except BrokenPipeError:  # click would end with 1
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = BROKEN_PIPE
+            code = command_interrupts.BROKEN_PIPE
         if code:
             raise click_module().exceptions.Exit(code)
 
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> None:
     program = None
     is_command = not (is_run or is_completion)
     interrupts = command_interrupts.handling(is_command and arguments is None)
-    with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
+    with interrupts, exit_on_error(), GeneratedPackages.of_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
         if words[:1] == ["run"] and words[1:2] and not words[1].startswith("-"):
             # without the options, click is not needed
@@ -187,7 +187,7 @@ def exit_on_error() -> Iterator[None]:
         report(str(error))
         sys.exit(1)
     except ModuleNotFoundError as error:
-        message = missing_extra_message(error)
+        message = Extra.missing_error(error)
         if message is None:
             raise
         report(str(message))

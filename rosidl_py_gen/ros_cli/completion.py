@@ -15,7 +15,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.names import KINDS
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
 from rosidl_py_gen.ros_cli import root, verb
@@ -35,7 +35,7 @@ _KINDS = {
     "types": ("msg",),
     "service types": ("srv",),
     "action types": ("action",),
-    "interfaces": KINDS,
+    "interfaces": RosName.KINDS,
     "packages": (),
 }
 _TYPE_KINDS = {"topic": "types", "service": "service types", "action": "action types"}

@@ -11,8 +11,8 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.base.descriptions import TypeDescriptions
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
     """Return the names of all types of `kinds` (msg, srv, action), or of all packages if `kinds` is empty."""
     search = scan_search_path(paths)
-    names = names_of(search, "", kinds or KINDS)
+    names = names_of(search, "", kinds or RosName.KINDS)
     return [*map(str, names)] if kinds else sorted({*search.packages, *(name.package for name in names)})
 
 
@@ -117,9 +117,9 @@ def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
 
 
 def _names(text: str) -> Iterator[RosName]:
-    for kind in KINDS if text.count("/") == 1 else ("msg",) if "/" in text else ():
+    for kind in RosName.KINDS if text.count("/") == 1 else ("msg",) if "/" in text else ():
         with suppress(InvalidNameError):
-            yield split_ros_name(text, kind)
+            yield RosName.parse(text, kind)
 
 
 def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
@@ -131,13 +131,12 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
         try:
             response = GetTypeDescription_Response.decode(data)
             description = to_dict(response.type_description)
-            if rihs01(description) != type_hash:
+            if TypeDescriptions.rihs01(description) != type_hash:
                 continue
         except (RosidlError, ValueError, LookupError):
             continue
-        individuals = [description["type_description"], *description["referenced_type_descriptions"]]
         sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in response.type_sources}
-        yield _CachedDescriptions({one["type_name"]: one for one in individuals}, sources)
+        yield _CachedDescriptions(TypeDescriptions.individuals(description), sources)
 
 
 def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import options
 
@@ -78,7 +78,7 @@ def find_verb(kind: str, definition: str, example: str, rows_of: Rows, *more: Op
     """
 
     async def find(command_node: CommandNode, type_name: str, count: bool, as_json: bool, hidden: bool = True) -> None:
-        name = str(split_ros_name(type_name, definition))
+        name = str(RosName.parse(type_name, definition))
         rows = await graph_rows(command_node, rows_of, hidden=hidden, type_name=name)
         terminal_output.names(rows, count, False, as_json)
 

@@ -23,7 +23,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
+from rosidl_py_gen.base.yaml_text import YamlError, YamlText
 from rosidl_py_gen.cdr.arrays import DTYPES
 from rosidl_py_gen.command_support import CommandError
 
@@ -63,7 +63,7 @@ def parse_value(text: str) -> Any:
         limits = f"at most {MAX_TEXT} of YAML, or {MAX_JSON} of JSON"
         raise CommandError(f"value: got {len(text)} characters; expected {limits}")
     try:
-        return load_yaml(text, number=Number)
+        return YamlText(text).load(number=Number)
     except YamlError as error:
         raise CommandError(f"not YAML: {error}: {text[:200]!r}") from None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.runtime.actions.states import MIN_RESULT_RETENTION_NS as MIN_RESULT_RETENTION_NS
 from rosidl_py_gen.runtime.actions.states import RCLPY_RULES as RCLPY_RULES
 from rosidl_py_gen.runtime.actions.states import GoalTable as GoalTable
@@ -126,4 +126,4 @@ def _writer_of_service(
 
 def tells_publisher_gid() -> bool:
     """Return True if `MessageInfo` has the GID of the publisher in the selected distribution (Lyrical and later)."""
-    return selected().is_since("lyrical")
+    return Distribution.selected().is_since("lyrical")

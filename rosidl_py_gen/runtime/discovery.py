@@ -18,8 +18,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.callbacks import RegistrationSet
-from rosidl_py_gen.base.names import similar_name
-from rosidl_py_gen.base.terminal_text import MAX_FIRST, is_logged
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.terminal_text import is_logged
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError, printable
 from rosidl_py_gen.runtime.graph import (
@@ -332,7 +332,7 @@ class Discovery:
         self._warned[own.topic_key] = count = self._warned.get(own.topic_key, 0) + 1
         if not is_logged(count):
             return
-        if count > MAX_FIRST:
+        if not is_logged(count - 1):
             text = f"{count} incompatible endpoints so far, of which few are logged; {text}"
         namespace, node_name = self.graph.node_of(own)
         get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
@@ -465,7 +465,8 @@ class UnmatchedReasons:
         verb = _VERBS.get((is_writer, topic_key.kind), "serves")
         names = self._graph.names_on(topic_key.kind, writers=not is_writer)
         name = topic_key.name.removesuffix(ending)
-        hint = similar_name(name, (known.removesuffix(ending) for known in names if known.endswith(ending)))
+        candidates = (known.removesuffix(ending) for known in names if known.endswith(ending))
+        hint = did_you_mean(name, candidates, in_namespaces=True)
         if not hint and (alone := self.alone()):
             return alone
         return f"no node {verb} it{printable(hint, 2 * _MAX_NAME_CHARS)}"

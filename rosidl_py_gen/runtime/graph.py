@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal, get_args
 
-from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.runtime.names import fully_qualified_node_name
 
@@ -397,6 +397,6 @@ def distributions_of(peer: DiscoveredEndpoint, own: DiscoveredEndpoint) -> tuple
 
 def distribution_advice(distros: tuple[str, ...], type_name: str) -> str:
     """Return a text that advises how to use the definition of a type that the given distributions have."""
-    distro = DEFAULT if DEFAULT in distros else distros[0]
+    distro = Distribution.DEFAULT if Distribution.DEFAULT in distros else distros[0]
     kind = next((word for part, word in _KINDS.items() if part in type_name), "message")
     return f'set ROS_DISTRO={distro}, or pass distro="{distro}" to get_{kind}'

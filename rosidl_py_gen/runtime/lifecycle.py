@@ -14,8 +14,7 @@ from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from rosidl_py_gen.base.callbacks import require_signature
-from rosidl_py_gen.base.distributions import DEFAULT as DEFAULT_DISTRO
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError, printable
@@ -328,8 +327,8 @@ class LifecycleMachine:
 
 def _transition_event_class() -> type[Any]:
     """Return the class of lifecycle_msgs/TransitionEvent in the selected distribution; Lyrical's has a ``stamp``."""
-    distro = selected().name
-    if distro != DEFAULT_DISTRO:
+    distro = Distribution.selected().name
+    if distro != Distribution.DEFAULT:
         from rosidl_py_gen.type_loading import distribution_definitions
 
         for definition in distribution_definitions(msg.TransitionEvent._TYPE.name):

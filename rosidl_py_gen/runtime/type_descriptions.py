@@ -22,9 +22,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.resources import PREGENERATED_PACKAGE, interfaces_dir
+from rosidl_py_gen.base.descriptions import TypeDescriptions
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import DataFolders, GeneratedCode
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
@@ -266,7 +266,7 @@ async def announced_hash(
         CallTimeoutError: there is no such node.
         InvalidNameError: `type_name` is not a ROS name.
     """
-    split_ros_name(type_name)
+    RosName.parse(type_name)
     namespace, _, name = node.rpartition("/")
     graph, deadline = scope.graph, Deadline(timeout_s)
 
@@ -446,7 +446,7 @@ def _is_described(cls: type[Any]) -> bool:
     """Return False for a class that only forwards serialized messages, whose description has another hash than the
     type.
     """
-    return rihs01(type_description(cls)) == type_hash(cls)
+    return TypeDescriptions.rihs01(type_description(cls)) == type_hash(cls)
 
 
 def _load_class(name: str, wanted_hash: str) -> type[Any]:
@@ -486,11 +486,11 @@ def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
 
 
 def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
-    if cls is None or not cls.__module__.startswith((f"{_BUNDLED}.", PREGENERATED_PACKAGE)):
+    if cls is None or not cls.__module__.startswith((f"{_BUNDLED}.", GeneratedCode.BUNDLED_PREFIX)):
         for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
             if prefix:
                 yield Path(prefix) / "share" / package
-    yield interfaces_dir() / package
+    yield DataFolders.interfaces() / package
 
 
 def _is_from_file(name: str, cls: type[Any] | None) -> bool:

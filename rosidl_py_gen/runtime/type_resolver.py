@@ -13,9 +13,9 @@ import asyncio
 import logging
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.descriptions import TypeDescriptions
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
 from rosidl_py_gen.errors import (
@@ -88,7 +88,7 @@ class TypeResolver:
         timeout_s: float | None,
     ) -> None:
         if type_name is not None:
-            split_ros_name(type_name)
+            RosName.parse(type_name)
         if wanted_hash is not None and not TYPE_HASH.match(wanted_hash):
             raise TypeDescriptionError(
                 f"type_hash: got {wanted_hash!r:.100}; expected RIHS01_ and 64 hexadecimal digits"
@@ -163,7 +163,7 @@ class TypeResolver:
         if self._wanted_hash is None and candidates[0].is_ambiguous():
             raise self._ambiguous_error("definitions", candidates, "type_hash")
         try:
-            split_ros_name(candidates[0].type_name)
+            RosName.parse(candidates[0].type_name)
         except InvalidNameError:
             text = join_truncated(candidates[0].lines())
             raise TypeDescriptionError(f"the type of {self._subject} is not a ROS type: {text}") from None
@@ -226,7 +226,8 @@ class TypeResolver:
                     f"{reason}; using the definition of Humble, which differs from the local one"
                 )
                 return of_humble
-        level = logging.DEBUG if selected().name == "humble" else logging.WARNING  # it is what the user expects
+        is_expected = Distribution.selected().name == "humble"
+        level = logging.DEBUG if is_expected else logging.WARNING
         self._scope.logger.log(level, f"{reason}; using the local definition, which may differ from theirs")
         return cls
 
@@ -420,7 +421,7 @@ class TypeResolver:
             )
         response = decode_description(sender, data)
         description = to_dict(response.type_description)
-        described, found_hash = description["type_description"]["type_name"], rihs01(description)
+        described, found_hash = description["type_description"]["type_name"], TypeDescriptions.rihs01(description)
         if (described, found_hash) != (name, wanted_hash):
             raise TypeDescriptionError(
                 f"{sender} describes {printable(described)} with the hash {found_hash}, but {name} with the hash "

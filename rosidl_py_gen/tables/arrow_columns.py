@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from rosidl_py_gen.bags import BagError
-from rosidl_py_gen.base.field_columns import MAX_COLUMNS, VARIABLE_LENGTH, is_time
+from rosidl_py_gen.base.field_columns import Column
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -67,7 +67,7 @@ class ColumnNode:
 
     Attributes:
         name: name of the column.
-        length: None for a single value, number of elements of a fixed array, `VARIABLE_LENGTH` for sequences.
+        length: None for a single value, number of elements of a fixed array, `Column.VARIABLE_LENGTH` for sequences.
         children: fields of a nested message.
     """
 
@@ -96,7 +96,7 @@ def kind_of(field: Field) -> Kind:
         return Kind.STRING if field.type.is_string else Kind.NUMBER
     if not field.cls._TYPE.fields:
         return Kind.EMPTY
-    return _TIME_KINDS[field.type.base] if is_time(field.cls) else Kind.STRUCT
+    return _TIME_KINDS[field.type.base] if Column.holds_time(field.cls) else Kind.STRUCT
 
 
 @cached_per_class
@@ -117,8 +117,8 @@ def column_count(cls: type[Any], depth: int = 0) -> int:
 def nodes_of(cls: type[Any]) -> tuple[ColumnNode, ...]:
     """Return the top-level columns of a message class; raises `BagError` if they are too many or nested too deeply."""
     count = column_count(cls)
-    if count > MAX_COLUMNS:
-        raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {MAX_COLUMNS}")
+    if count > Column.MAX_COLUMNS:
+        raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {Column.MAX_COLUMNS}")
     names = {field.ros_name for field in cls._TYPE.fields}
     reserved = LOG_TIME, PUBLISH_TIME
     return tuple(_node(field, free_name(field.ros_name, names, reserved)) for field in cls._TYPE.fields)
@@ -134,7 +134,7 @@ def free_name(name: str, names: Collection[str], reserved: Collection[str]) -> s
 
 def _node(field: Field, name: str) -> ColumnNode:
     kind, arity = kind_of(field), field.type.arity
-    length = None if arity is Arity.SCALAR else field.type.capacity if arity is Arity.ARRAY else VARIABLE_LENGTH
+    length = None if arity is Arity.SCALAR else field.type.capacity if arity is Arity.ARRAY else Column.VARIABLE_LENGTH
     inner = field.cls._TYPE.fields if field.cls is not None and kind is Kind.STRUCT else ()
     return ColumnNode(name, field, kind, length, tuple(_node(one, one.ros_name) for one in inner))
 
@@ -229,7 +229,7 @@ def type_of(node: ColumnNode) -> Any:
     """Return the Arrow type of a column; raises `BagError` if Arrow has no such type."""
     try:
         if node.is_binary:
-            return pa.binary(node.length if node.length is not None else VARIABLE_LENGTH)
+            return pa.binary(node.length if node.length is not None else Column.VARIABLE_LENGTH)
         element = element_type(node)
         if node.length is None:
             return element
@@ -300,7 +300,7 @@ def fixed_lists(node: ColumnNode, count: int, children: Any) -> Any:
 
 def lists(node: ColumnNode, counts: Array, children: Any) -> Any:
     """Return an Arrow column of lists from the array `children` of all elements; `counts` has the size of each list."""
-    if node.length != VARIABLE_LENGTH:
+    if node.length != Column.VARIABLE_LENGTH:
         return fixed_lists(node, len(counts), children)
     return from_buffers(type_of(node), len(counts), offsets(node, counts), children=[children])
 
@@ -309,7 +309,7 @@ def sequences(node: ColumnNode, counts: Array, values: Array) -> Any:
     """Return an Arrow column of sequences from the numpy array of all elements; `counts` has the size of each."""
     if not node.is_binary:
         return lists(node, counts, elements(node, values))
-    buffers = (offsets(node, counts), values) if node.length == VARIABLE_LENGTH else (values,)
+    buffers = (offsets(node, counts), values) if node.length == Column.VARIABLE_LENGTH else (values,)
     return from_buffers(type_of(node), len(counts), *buffers)
 
 

@@ -36,9 +36,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, DamagedPart, unreachable_as_error
-from rosidl_py_gen.base.distributions import distribution_of_command
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.arrow import pa, parquet
@@ -245,7 +245,7 @@ def split_times_of(task: Task) -> TaskResult:
 def _run(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
     distro = task.options.distro
     with (
-        nullcontext() if distro is None else distribution_of_command(distro),
+        nullcontext() if distro is None else Distribution.of_command(distro),
         warnings.catch_warnings(record=True) as caught,  # includes warnings of other threads of a worker
     ):
         warnings.simplefilter("always", BagWarning)
@@ -341,7 +341,7 @@ def local_processes(workers: int) -> Iterator[TaskRunner]:
         import dask  # noqa: F401
         import loky  # noqa: F401
     except ModuleNotFoundError as missing:
-        raise missing_extra_message(missing) or missing from None
+        raise Extra.missing_error(missing) or missing from None
     if multiprocessing.current_process().daemon:
         raise BagError(
             f"workers={workers}: this is a daemonic process, such as a worker of multiprocessing.Pool or of Dask, and "
@@ -461,7 +461,7 @@ def dask_cluster(scheduler: str) -> Iterator[TaskRunner]:
     try:
         import distributed
     except ModuleNotFoundError as missing:
-        raise missing_extra_message(missing) or missing from None
+        raise Extra.missing_error(missing) or missing from None
     try:
         client: Any = distributed.Client(  # type: ignore[no-untyped-call]
             scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from rosidl_py_gen.bags import BagError
-from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH
+from rosidl_py_gen.base.field_columns import Column
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError
 from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
@@ -322,7 +322,7 @@ def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
 
     Raises `BatchUnsupportedError` for more elements than remaining bytes, as each element has at least one byte.
     """
-    if node.length != VARIABLE_LENGTH:
+    if node.length != Column.VARIABLE_LENGTH:
         assert node.length is not None
         counts = np.full(len(cursor.pos), node.length, np.int64)
     else:
@@ -459,7 +459,7 @@ def _steps(nodes: tuple[ColumnNode, ...]) -> list[ReadStep]:
         else:
             dtype = _dtype(node)
             align = _TIME["sec"].itemsize if dtype is _TIME else dtype.itemsize
-            if node.length == VARIABLE_LENGTH:
+            if node.length == Column.VARIABLE_LENGTH:
                 steps.append(NumberSequence(node, dtype, align))
             else:
                 steps.append(FixedRun((RunField(node, dtype, align, node.length or 1),)))

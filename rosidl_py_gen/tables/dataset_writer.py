@@ -20,8 +20,8 @@ from urllib.parse import quote
 from uuid import uuid4
 
 from rosidl_py_gen.bags import BagError, MessageBlock, has_colons_in_names, is_url, unreachable_as_error
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.arrow import pa, parquet
@@ -49,7 +49,7 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
     try:
         import fsspec  # type: ignore[import-untyped]
     except ModuleNotFoundError as missing:
-        raise missing_extra_message(missing) or missing from None
+        raise Extra.missing_error(missing) or missing from None
     if not is_url(place):  # fsspec would parse "::" as a chain of URLs, and other characters as well
         return fsspec.filesystem("file", skip_instance_cache=fresh), os.path.abspath(place)
     url = place.replace("::", _COLONS) if has_colons_in_names(place) else place

@@ -15,7 +15,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags import BagError, BagWarning, DamagedPart, is_url, unreachable_as_error
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.bag_tasks import (
     Task,
@@ -115,7 +115,7 @@ def write_datasets(
     """
     if scheduler is not None and workers is not None:
         raise ValueError("expected either scheduler or workers, as a scheduler has its own workers")
-    choice = selected()
+    choice = Distribution.selected()
     options = TaskOptions(
         None if topics is None else tuple(topics),
         include_large,

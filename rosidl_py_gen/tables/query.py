@@ -16,8 +16,8 @@ from urllib.parse import unquote
 from uuid import uuid4
 
 from rosidl_py_gen.bags import BagError, is_url, unreachable_as_error
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import escape_json
 from rosidl_py_gen.tables.dataset_writer import TOPIC, StagedDataset, file_system, url_of
 from rosidl_py_gen.tables.multi_bag import find_bags, names_of
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 try:
     import duckdb
 except ModuleNotFoundError as missing:
-    raise missing_extra_message(missing) or missing from None
+    raise Extra.missing_error(missing) or missing from None
 
 _QUOTED_NAME = re.compile(r"""["]((?:[^"]|"")*)["]|[']((?:[^']|'')*)[']""")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")

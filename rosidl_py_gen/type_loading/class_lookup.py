@@ -21,9 +21,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, selected
-from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
-from rosidl_py_gen.base.resources import MSGS_PACKAGE, PREGENERATED_PACKAGE, is_generated, ros_package_index
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName, py_name
+from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, TypeNotFoundError, display_path
@@ -47,8 +47,8 @@ _lock = threading.RLock()
 """Lock of all caches of loaded classes and registries in this module."""
 _loaded: dict[str, list[type]] = {}
 """Loaded classes by full type name; a name has a class for each different definition."""
-_by_name: dict[tuple[str, tuple[str, ...], DistributionChoice], type] = {}
-_registries: dict[tuple[tuple[str, ...], str, DistributionChoice], InterfaceRegistry] = {}
+_by_name: dict[tuple[str, tuple[str, ...], Distribution], type] = {}
+_registries: dict[tuple[tuple[str, ...], str, Distribution], InterfaceRegistry] = {}
 _compilations = 0
 
 
@@ -104,7 +104,7 @@ def compile_definition(name: str, text: str) -> type[Any]:
         InvalidNameError: a name is invalid.
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
-    top = split_ros_name(name, "msg")
+    top = RosName.parse(name, "msg")
     if not isinstance(text, str):
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
     from rosidl_py_gen.compiler.frontend import registry_from_text
@@ -129,7 +129,7 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
         fits: returns True if the hashes of the requested type and of all types that it refers to, by name, fit.
         path: searched first, as by `get_message`; raises `DefinitionError` if it cannot be read.
     """
-    _import_class(split_ros_name(name))
+    _import_class(RosName.parse(name))
     with _lock:
         for cls in _loaded.get(name, ()):
             if fits(hashes_of(cls)):
@@ -189,15 +189,15 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
     """
     module = cls.__module__
     if not module.startswith(_MEMORY):
-        return "bundled" if module.startswith(PREGENERATED_PACKAGE) else f"module {module}"
-    name = split_ros_name(cls._TYPE.name)
+        return "bundled" if module.startswith(GeneratedCode.BUNDLED_PREFIX) else f"module {module}"
+    name = RosName.parse(cls._TYPE.name)
     folders = [path] if isinstance(path, (str, os.PathLike)) else path
     with _lock:
         registry = _registry(tuple(str(entry) for entry in folders), distro)
         package = registry.search.packages.get(name.package)
         if package is None or package.is_bundled:
             for one in distribution_definitions(str(name)):
-                if one.type_hash == type_hash(cls) and DEFAULT not in one.distributions:
+                if one.type_hash == type_hash(cls) and Distribution.DEFAULT not in one.distributions:
                     return f"bundled ({', '.join(one.distributions)})"
             return "bundled" if package else "another text of this process"
         file = package.files.get(registry.owner(name) or name)
@@ -226,9 +226,9 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
     if not isinstance(text, str):
         raise InvalidNameError(f"expected the name of an interface, found {type(text).__name__}")
     entries = tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
-    name = split_ros_name(text, kind)
+    name = RosName.parse(text, kind)
     full_name = str(name)
-    choice = selected(distro)
+    choice = Distribution.selected(distro)
     if (full_name, entries, choice) not in _by_name:
         _import_class(name)
     with _lock:
@@ -253,7 +253,7 @@ def find_installed_class(name: RosName, *roots: str) -> type | None:
         name: name of the interface.
         roots: import prefixes in order; by default packages of the user, then `rosidl_py_gen.msgs`.
     """
-    for root in roots or ("", MSGS_PACKAGE):
+    for root in roots or ("", GeneratedCode.RUNTIME_PREFIX):
         # The import hook can add modules to a package; only generated files count here.
         if not (
             _is_generated_package(root + name.package) and _is_generated_package(f"{root}{name.package}.{name.kind}")
@@ -278,7 +278,7 @@ def _is_generated_package(package: str) -> bool:
     origin = spec.origin if spec is not None else None
     if origin is None or not origin.endswith("__init__.py"):
         return False
-    return is_generated(Path(origin))
+    return GeneratedCode.is_file(Path(origin))
 
 
 def _import_class(name: RosName) -> None:
@@ -289,10 +289,10 @@ def _import_class(name: RosName) -> None:
 def _import_classes(registry: InterfaceRegistry, name: RosName) -> None:
     """Import the modules of a checked type and of all types that it refers to. Lock: _lock should not be held."""
     for used in registry.closure(str(name)):
-        _import_class(split_ros_name(used))
+        _import_class(RosName.parse(used))
 
 
-def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
+def _installed_class(name: RosName, path: tuple[str, ...], choice: Distribution) -> type | None:
     """Return the importable generated class of a type.
 
     Returns None if there is no such class, or if `path` or a distribution was requested. A class in
@@ -301,35 +301,39 @@ def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionC
     if path or choice.is_explicit:
         return None
     cls = find_installed_class(name)
-    is_own = cls is not None and cls.__module__.startswith(MSGS_PACKAGE)
+    is_own = cls is not None and cls.__module__.startswith(GeneratedCode.RUNTIME_PREFIX)
     return cls if cls is None or not is_own or _has_definition_of(cls, choice.name) else None
 
 
 def _has_definition_of(cls: type[Any], distro: str) -> bool:
     """Return True if the definition of a class of the default distribution is the same in the distribution `distro`."""
-    if distro == DEFAULT:
+    if distro == Distribution.DEFAULT:
         return True
     from rosidl_py_gen.compiler.frontend import changed_interfaces
 
-    used = map(split_ros_name, (cls._TYPE.name, *referenced_classes(cls)))
+    used = map(RosName.parse, (cls._TYPE.name, *referenced_classes(cls)))
     changed = changed_interfaces(distro)
     return all(one._replace(name=one.name.partition("_")[0]) not in changed for one in used)
 
 
-def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
+def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distribution) -> type | None:
     """Return the class of a bundled type that was generated when the wheel of this package was built.
 
     Loading it takes 10 ms, a compilation 80 ms. Returns None if another definition precedes the bundled one, if the
     distribution has another definition, or if a type that it refers to has another class.
     """
-    if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or os.path.isdir(ros_package_index()))):
+    if path:
         return None
-    cls = find_installed_class(name, PREGENERATED_PACKAGE)
+    if not choice.is_explicit and (
+        os.environ.get("AMENT_PREFIX_PATH") or os.path.isdir(InstalledInterfaces.ros_index())
+    ):
+        return None
+    cls = find_installed_class(name, GeneratedCode.BUNDLED_PREFIX)
     if cls is not None and not _has_definition_of(cls, choice.name):
         return None
     parts = referenced_classes(cls) if cls is not None else {}
     for full_name, part in parts.items():
-        in_use = _loaded.get(full_name) or [find_installed_class(split_ros_name(full_name)) or part]
+        in_use = _loaded.get(full_name) or [find_installed_class(RosName.parse(full_name)) or part]
         if part not in in_use:
             return None
     for full_name, part in parts.items():
@@ -346,7 +350,7 @@ def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegi
     """
     from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path
 
-    key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), selected(distro))
+    key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), Distribution.selected(distro))
     if key not in _registries:
         _registries[key] = InterfaceRegistry(scan_search_path(path, distro=distro))
     return _registries[key]
@@ -369,7 +373,7 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
         return registry
 
 
-def _from_definitions(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type:
+def _from_definitions(name: RosName, path: tuple[str, ...], choice: Distribution) -> type:
     registry = _registry(path, choice.name if choice.is_explicit else None)
     if choice.is_explicit:
         may_be_installed = name.package not in registry.search.packages
@@ -451,7 +455,7 @@ def _compile(
 
     def known(full_name: str) -> str:
         """Return the module with the class of another type, which is compiled if necessary."""
-        return get_class(split_ros_name(full_name)).__module__
+        return get_class(RosName.parse(full_name)).__module__
 
     module = _run(*sources.module(top, f"{_MEMORY}.w{_compilations}.", known))
     for exported in module.__all__:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base import folder_trust
-from rosidl_py_gen.base.resources import templates_dir
+from rosidl_py_gen.base.resources import DataFolders
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -239,7 +239,7 @@ def version() -> str:
     """
     package = Path(__file__).parents[1]
     rows: list[object] = [__version__, importlib.util.MAGIC_NUMBER]
-    folders = [str(folder) for folder in (package / "base", package / "cdr", package / "compiler", templates_dir())]
+    folders = [*(str(package / name) for name in ("base", "cdr", "compiler")), str(DataFolders.templates())]
     for folder in folders:  # grows inside the loop
         with os.scandir(folder) as entries:
             for entry in sorted(entries, key=lambda entry: entry.name):

@@ -19,11 +19,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import TypeDescriptions, individual_descriptions, rihs01
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.base.descriptions import TypeDescriptions
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.project import GeneratedPackages
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.cdr.structured_arrays import cached_per_class
@@ -86,7 +86,7 @@ class DescribedType:
 
     def hashes(self) -> dict[str, str]:
         """Return the RIHS01 hashes of the type and of all types that belong to it or that it refers to, by name."""
-        registry = _registry(split_ros_name(self._name), self._individuals, {}, self._is_service)
+        registry = _registry(RosName.parse(self._name), self._individuals, {}, self._is_service)
         return registry.all_hashes(self._name)
 
     def load(self, path: SearchFolders = ()) -> type[Any]:
@@ -95,7 +95,7 @@ class DescribedType:
         Args:
             path: folders with interface packages, in which classes of the same hash are searched first.
         """
-        top = split_ros_name(self._name)
+        top = RosName.parse(self._name)
         return class_of_registry(_registry(top, self._individuals, self._sources, self._is_service), top, path=path)
 
 
@@ -108,7 +108,7 @@ def definition_text(cls: type[Any]) -> str:
     """
     from rosidl_py_gen.compiler.frontend import DefinitionText
 
-    name = split_ros_name(type_name(cls))
+    name = RosName.parse(type_name(cls))
     registry = registry_of(name)
     if registry is None or registry.all_hashes(str(name)) != hashes_of(cls):
         is_event = name.kind == "srv" and name.name.endswith(_EVENT)  # an event contains request and response
@@ -116,7 +116,7 @@ def definition_text(cls: type[Any]) -> str:
             name = name._replace(name=name.name.removesuffix(_EVENT))
         elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
-        registry = _registry(name, individual_descriptions(type_description(cls)), {}, is_event)
+        registry = _registry(name, TypeDescriptions.individuals(type_description(cls)), {}, is_event)
     return DefinitionText(registry, registry.owner(name) or name).full
 
 
@@ -129,9 +129,9 @@ def generated_names() -> dict[RosName, Path]:
             folders = [Path(one.path) for one in os.scandir(entry) if one.name.isidentifier()]
         except OSError:  # a zip file, or nothing
             continue
-        for folder, kind in ((folder, kind) for folder in folders for kind in KINDS):
+        for folder, kind in ((folder, kind) for folder in folders for kind in RosName.KINDS):
             file = folder / kind / "__init__.py"
-            if is_generated(file):
+            if GeneratedCode.is_file(file):
                 exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
                 stems = re.findall(r'"([A-Za-z0-9]+)_?"', exports[1]) if exports else []
                 for stem in stems:
@@ -146,14 +146,14 @@ def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, 
         A registry with the definition, its full name, and a note about its origin; None if no such class can be
             imported.
     """
-    for kind in KINDS if text.count("/") == 1 else ("msg",):
+    for kind in RosName.KINDS if text.count("/") == 1 else ("msg",):
         try:
-            name = split_ros_name(text, kind)
+            name = RosName.parse(text, kind)
         except InvalidNameError:
             return None
         cls = find_installed_class(name, "")
         if cls is not None:
-            individuals = individual_descriptions(type_description(cls))
+            individuals = TypeDescriptions.individuals(type_description(cls))
             is_service = name.kind == "srv" and "_" not in name.name
             file = import_module(cls.__module__).__file__ or ""
             note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"
@@ -170,7 +170,8 @@ class DistributionVariants:
 
     def __init__(self, cls: type[Any]) -> None:
         self._cls = cls
-        self.hashes = {distro: rihs01(description) for distro, description in _other_descriptions(cls).items()}
+        others = _other_descriptions(cls)
+        self.hashes = {distro: TypeDescriptions.rihs01(description) for distro, description in others.items()}
 
     @classmethod
     def find(cls, name: str, type_hash: str) -> DistributionVariants | None:
@@ -205,7 +206,7 @@ def _class_in(distro: str, cls: type[Any]) -> type[Any]:
     description = _other_descriptions(cls).get(distro)
     if description is None:
         return cls
-    return DescribedType(cls._TYPE.name, individual_descriptions(description)).load()
+    return DescribedType(cls._TYPE.name, TypeDescriptions.individuals(description)).load()
 
 
 def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
@@ -217,7 +218,7 @@ def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None 
         cls = get_named_class(name, path=path, distro=distro)
     except TypeNotFoundError:
         return None
-    if distro is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
+    if distro is None or not issubclass(cls, Message) or find_installed_class(RosName.parse(name)) is not cls:
         return cls
     # A generated class contains the types of the distribution for which it was generated.
     return _class_in(distro, cls)
@@ -226,22 +227,22 @@ def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None 
 @cached_per_class
 def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
     own_hash, description = cls._TYPE.hash, type_description(cls)
-    if rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
+    if TypeDescriptions.rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
         return {}
-    individuals = individual_descriptions(description)
-    replaced: dict[str, dict[str, Description]] = {distro: {} for distro in DISTRIBUTIONS}
+    individuals = TypeDescriptions.individuals(description)
+    replaced: dict[str, dict[str, Description]] = {distro: {} for distro in Distribution.BUNDLED}
     for name, own in individuals.items():
         for definition in distribution_definitions(name):
             found = type_description(definition.load())
             if _fields(found["type_description"]) != _fields(own):
                 for distro in definition.distributions:
-                    replaced[distro].update(individual_descriptions(found))
+                    replaced[distro].update(TypeDescriptions.individuals(found))
     others = {
         distro: TypeDescriptions.assemble(cls._TYPE.name, {**individuals, **parts}.__getitem__)
         for distro, parts in replaced.items()
         if parts
     }
-    return {distro: other for distro, other in others.items() if rihs01(other) != own_hash}
+    return {distro: other for distro, other in others.items() if TypeDescriptions.rihs01(other) != own_hash}
 
 
 def _fields(description: Description) -> list[tuple[object, object]]:

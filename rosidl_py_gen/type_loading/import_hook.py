@@ -19,10 +19,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.callbacks import Registration
-from rosidl_py_gen.base.distributions import DistributionChoice, selected
-from rosidl_py_gen.base.names import KINDS, RosName
-from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.package_repositories import MessagePackage
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def install_import_hook(
         folders,
         None if workspace_of is None else _path_text("workspace_of", workspace_of),
         override_installed,
-        selected(distro),
+        Distribution.selected(distro),
     )
     with _lock:
         if _installed is None:
@@ -205,7 +205,7 @@ class _FallbackFinder:
         return found if found is not None and found.origin is not None else None
 
     def _spec_of_later_finder(self, name: str) -> ModuleSpec | None:
-        note = download_note(name, self._distro)
+        note = MessagePackage(name).download_note(self._distro)
         for finder in sys.meta_path[sys.meta_path.index(self) + 1 :] if note and self in sys.meta_path else ():
             find = getattr(finder, "find_spec", None)
             if find is not None and (found := find(name, None)) is not None:
@@ -226,7 +226,7 @@ class _Finder(Loader):
         path: Sequence[str],
         workspace_of: str | None,
         override_installed: bool,
-        choice: DistributionChoice,
+        choice: Distribution,
     ) -> None:
         from rosidl_py_gen.compiler.frontend import Workspace
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
@@ -272,7 +272,7 @@ class _Finder(Loader):
         kind, _, module = rest.partition(".")
         if not rest:
             return self._package(package)
-        if kind not in KINDS or kind not in self._interfaces.kinds(package):
+        if kind not in RosName.KINDS or kind not in self._interfaces.kinds(package):
             return None
         if not module:
             return None if self._uses_other(package, kind, path) else ModuleSpec(fullname, self, is_package=True)
@@ -331,7 +331,7 @@ class _Finder(Loader):
         other = self._other_spec(name, path) if path is not None else None
         if other is None or other.loader is None or not other.origin:
             return False
-        if is_generated(Path(other.origin)) and (self._override or not self._is_rclpy):
+        if GeneratedCode.is_file(Path(other.origin)) and (self._override or not self._is_rclpy):
             return not self._is_rclpy  # generated: the same classes, or classes of the other API
         folder = self._interfaces.search.packages[package].folder
         self._warn_duplicate(package, name, other.origin, f"the definitions in {folder}")

@@ -11,7 +11,7 @@ import threading
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
+from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.type_loading import disk_cache
 from rosidl_py_gen.type_loading.class_lookup import get_named_class
 
@@ -113,7 +113,7 @@ class Interfaces:
 
     def _digest(self, interface: str) -> str:
         if interface not in self._digests:
-            file = self.search.file(split_ros_name(interface))
+            file = self.search.file(RosName.parse(interface))
             try:
                 content = f"{file.suffix}\n".encode() + file.read_bytes() if file is not None else b""
             except OSError:
@@ -135,6 +135,6 @@ class Interfaces:
             self._registry = None  # discard incomplete interfaces
             raise
         module, source = self._sources.module(name)
-        owners = {registry.owner(split_ros_name(part)) for part in registry.all_hashes(str(name))}
+        owners = {registry.owner(RosName.parse(part)) for part in registry.all_hashes(str(name))}
         parts = {str(owner): self._digest(str(owner)) for owner in owners if owner is not None}
         return parts, compile(source, f"<{module}>", "exec")

@@ -15,9 +15,9 @@ from pathlib import Path
 from time import time_ns
 from typing import Any
 
-from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend import (
     Package,
     SearchPath,
@@ -50,9 +50,7 @@ def workspace_packages(workspace: Workspace) -> dict[str, Path]:
     return {name: Path(path) for name, path in found.items()}
 
 
-def search(
-    path: Sequence[str], workspace: Workspace | None, choice: DistributionChoice
-) -> tuple[list[str], SearchPath]:
+def search(path: Sequence[str], workspace: Workspace | None, choice: Distribution) -> tuple[list[str], SearchPath]:
     """Return the folders with interfaces in `path` and a workspace, and the packages that a search of these folders
     finds.
 
@@ -61,7 +59,8 @@ def search(
 
     def scan() -> Any:
         # Names of files are cached for other distributions than the default only.
-        bundled = [interfaces_dir()] if choice.name == DEFAULT else [place for place, *_ in os.walk(interfaces_dir())]
+        top, is_default = DataFolders.interfaces(), choice.name == Distribution.DEFAULT
+        bundled = [top] if is_default else [place for place, *_ in os.walk(top)]
         for place in (*sys.path, *bundled):
             note(place)
         # A copy as in `workspace_packages`.

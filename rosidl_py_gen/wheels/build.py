@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.base.resources import InstalledInterfaces
 from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
@@ -135,7 +135,7 @@ def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: 
         requires.append(f"{used.replace('_', '-')}=={version}")
     contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
     contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
-    entry_points = {ENTRY_POINTS: {package.name: package.name}}
+    entry_points = {InstalledInterfaces.ENTRY_POINTS: {package.name: package.name}}
     made = manifest.write_wheel(out, package.name, files | contents, entry_points, requires=requires)
     return BuiltWheel(package.name.replace("_", "-"), made, tuple(requires))
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated
+from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.wheels.build import build, with_bundled
 
@@ -190,7 +190,7 @@ def installed_packages() -> dict[str, Distribution]:
     found: dict[str, Distribution] = {}
     for one in distributions():
         for entry in one.entry_points:
-            if entry.group == ENTRY_POINTS:
+            if entry.group == InstalledInterfaces.ENTRY_POINTS:
                 found.setdefault(entry.name, one)
     return found
 
@@ -248,7 +248,7 @@ def _check_no_conflict(packages: list[str]) -> None:
         if spec is None or _normalized(name) in own:
             continue
         origin = Path(spec.origin) if spec.origin else None
-        if origin is None or not is_generated(origin):
+        if origin is None or not GeneratedCode.is_file(origin):
             raise OutputError(f"{name} is importable from {spec.origin}, and not of rosidl-py-gen; --force replaces it")
 
 

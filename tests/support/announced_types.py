@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -41,7 +41,7 @@ class Told:
         self.name, self.text = name, text
         self.library = InterfaceRegistry(scan_search_path((), ament=""))
         for full_name, body in {name: text, **others}.items():
-            part = split_ros_name(full_name)
+            part = RosName.parse(full_name)
             self.library.add_text(part, SourceText(full_name, body, part.kind))
 
     @property

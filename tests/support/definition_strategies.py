@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from rosidl_py_gen import compile_definition
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
@@ -83,8 +83,8 @@ class World:
     def reference(self) -> Reference:
         library = InterfaceRegistry(SearchPath({}, [], []))
         for name, text in self.texts:
-            library.add_text(split_ros_name(name), SourceText(f"<{name}>", text, "msg"))
-        check(library, [split_ros_name(name) for name, _ in self.texts])
+            library.add_text(RosName.parse(name), SourceText(f"<{name}>", text, "msg"))
+        check(library, [RosName.parse(name) for name, _ in self.texts])
         library.raise_diagnostics()
         return Reference(library.message)
 

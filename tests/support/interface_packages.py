@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.codegen.module_sources import ModuleSources
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
@@ -34,7 +34,7 @@ Files = Mapping[str, str | bytes]
 
 def read(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> tuple[Interface | None, list[str]]:
     """Parse one definition; the problems come as ``line:column: text``."""
-    full = split_ros_name(name)
+    full = RosName.parse(name)
     findings = Diagnostics()
     interface = parse_interface(full, SourceText("S", text, format or full.kind), findings)
     return interface, [f"{one.line}:{one.column}: {one.text}" for one in findings.items]
@@ -70,8 +70,8 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
     Raises:
         DefinitionError: as a run of the compiler would.
     """
-    library = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
-    names = [split_ros_name(name) for name in definitions]
+    library = InterfaceRegistry(scan_search_path([DataFolders.interfaces()], ament="", bundled=False))
+    names = [RosName.parse(name) for name in definitions]
     for name, text in zip(names, definitions.values(), strict=True):
         library.add_text(name, SourceText(f"<{name}>", text, name.kind))
     check(library, names)
@@ -82,7 +82,7 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
 def source_of(definitions: Mapping[str, str]) -> str:
     """Return the generated module of the first definition."""
     library = texts(definitions)
-    chosen = split_ros_name(next(iter(definitions)))
+    chosen = RosName.parse(next(iter(definitions)))
     return ModuleSources(library).module(chosen)[1]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen import install_import_hook
-from rosidl_py_gen.base.names import KINDS, py_name
+from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.type_loading import class_lookup
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning
 
@@ -48,7 +48,7 @@ def hooked(*, warns: bool = False, **settings: Any) -> Iterator[None]:
 
 def _is_of_messages(name: str) -> bool:
     top, _, rest = name.partition(".")
-    return f"{top}.msg" in sys.modules or top.endswith(("_msgs", "_interfaces", "_srvs")) or rest in KINDS
+    return f"{top}.msg" in sys.modules or top.endswith(("_msgs", "_interfaces", "_srvs")) or rest in RosName.KINDS
 
 
 def rclpy_class(name: str) -> Any:

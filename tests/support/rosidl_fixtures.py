@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from rosidl_py_gen.compiler.frontend import search_path
+from rosidl_py_gen.base.resources import InstalledInterfaces
 from support.rosidl_oracle import Rosidl
 
 
@@ -20,5 +20,5 @@ def rosidl() -> Iterator[Rosidl]:
 @pytest.fixture(autouse=True)
 def no_installed_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide message packages of the environment, such as those that the README's first command installs."""
-    monkeypatch.setattr(search_path, "ENTRY_POINTS", "a group without packages")
-    monkeypatch.setattr(search_path, "ros_package_index", lambda: "a folder that does not exist")
+    monkeypatch.setattr(InstalledInterfaces, "ENTRY_POINTS", "a group without packages")
+    monkeypatch.setattr(InstalledInterfaces, "ros_index", lambda: "a folder that does not exist")

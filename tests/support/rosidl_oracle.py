@@ -20,9 +20,9 @@ from typing import Any
 
 from hypothesis import currently_in_test_context
 
-from rosidl_py_gen.base.descriptions import individual_description
-from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.descriptions import TypeDescriptions
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file
 from rosidl_py_gen.compiler.frontend.model import (
     ActionDef,
@@ -140,7 +140,9 @@ class Rosidl:
     """All releases of the tool chain; see rosidl_server.py."""
 
     def __init__(self) -> None:
-        implied = [(name, (interfaces_dir() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED]
+        implied = [
+            (name, (DataFolders.interfaces() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED
+        ]
         context = _question([*implied, *OTHERS], keep=True)
         self._releases = {release: _Release(release, context) for release in RELEASES}
 
@@ -177,9 +179,9 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     """Our reply. "refused" is a definition that is wrong alone, "unresolved" one that goes wrong with the others."""
     library = InterfaceRegistry(_search())
     for name, text, format in others:
-        library.add_text(split_ros_name(name), SourceText("<other>", text, format))
+        library.add_text(RosName.parse(name), SourceText("<other>", text, format))
     try:
-        names = [split_ros_name(name) for name, _, _ in definitions]
+        names = [RosName.parse(name) for name, _, _ in definitions]
     except InvalidNameError as error:
         return {"refused": [str(error)]}
     if not all(map(may_be_file, names)):
@@ -199,14 +201,15 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     return {
         **reply,
         "types": {
-            name: [individual_description(name, library.field_rows(name)), library.type_hash(name)] for name in types
+            name: [TypeDescriptions.individual(name, library.field_rows(name)), library.type_hash(name)]
+            for name in types
         },
     }
 
 
 @lru_cache(maxsize=1)
 def _search() -> SearchPath:
-    return scan_search_path([interfaces_dir()], ament="", bundled=False)
+    return scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
 
 
 def type_names(interface: Interface) -> list[str]:
@@ -265,7 +268,7 @@ def _floaty(value: Any) -> Any:
 
 
 def compare(rosidl: Rosidl, text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> None:
-    compare_world(rosidl, [(name, text, format or split_ros_name(name).kind)])
+    compare_world(rosidl, [(name, text, format or RosName.parse(name).kind)])
 
 
 def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> Reply:

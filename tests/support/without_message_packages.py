@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.base.resources import InstalledInterfaces
 from support.environments import cache_folder
 
 _IS_WINDOWS = os.name == "nt"
@@ -53,7 +53,7 @@ def restart_without_message_packages(config: pytest.Config) -> None:
 def installed_files(site: Path) -> set[str]:
     """Return the names in site-packages that belong to message packages: modules and metadata."""
     names: set[str] = set()
-    for entry in entry_points(group=ENTRY_POINTS):
+    for entry in entry_points(group=InstalledInterfaces.ENTRY_POINTS):
         dist = entry.dist
         if dist is not None and Path(str(dist.locate_file(""))).resolve() == site.resolve():
             names |= {file.parts[0] for file in dist.files or () if file.parts[0] != os.pardir}

@@ -25,7 +25,7 @@ from mcap.opcode import Opcode
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.storage.zstd import ZstdDecompressor, frame_content_size
 from rosidl_py_gen.bags.storage.zstd import compress as zstd_compress
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
@@ -92,7 +92,7 @@ def _lz4_frames() -> Any:
     try:
         import lz4.frame  # type: ignore[import-untyped]
     except ImportError as missing:
-        raise missing_extra_message(missing) or missing from None
+        raise Extra.missing_error(missing) or missing from None
     return lz4.frame
 
 

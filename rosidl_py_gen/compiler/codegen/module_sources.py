@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name
-from rosidl_py_gen.base.resources import GENERATED_HEADER, templates_dir
+from rosidl_py_gen.base.resources import DataFolders, GeneratedCode
 from rosidl_py_gen.cdr.message import NESTED_CLASSES
 from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.compiler.codegen.encode import EncoderView, encoder_view
@@ -441,7 +441,7 @@ def environment_of_texts() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
-        loader=FileSystemLoader(templates_dir()),
+        loader=FileSystemLoader(DataFolders.templates()),
         undefined=StrictUndefined,
         autoescape=select_autoescape(()),  # Python, not HTML; literals pass through `string` and `docstring`
         trim_blocks=True,
@@ -551,5 +551,5 @@ def package_sources(
             names=sorted((cls for cls, _ in classes), key=sort_key),
         )
         files[f"{package}/__init__.py"] = render("package_init.py.jinja", package=package)
-        files[f"{package}/py.typed"] = f"{GENERATED_HEADER}: the package is typed (PEP 561). Do not edit.\n"
+        files[f"{package}/py.typed"] = f"{GeneratedCode.HEADER}: the package is typed (PEP 561). Do not edit.\n"
     return dict(sorted(files.items()))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from itertools import pairwise
 
-from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.interface_parser import separators
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
@@ -82,7 +82,7 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
         found = _PART_NAME.match(lines[start + 1])
         assert found is not None
         try:
-            part = split_ros_name(found[2], "msg")
+            part = RosName.parse(found[2], "msg")
         except InvalidNameError as error:
             problem = Diagnostic(f"<{top}>", start + 2, 1, str(error), lines[start + 1])
             raise DefinitionError(problem) from error

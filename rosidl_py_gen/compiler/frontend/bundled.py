@@ -11,12 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS
-from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
-_BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
+_BASES = {"humble": Distribution.DEFAULT, "kilted": Distribution.DEFAULT, "lyrical": "kilted"}
 """Distribution by distribution name: the stored definitions of the key are differences from the definitions of the
 value."""
 _NEEDED = frozenset(package for packages in IMPLIED.values() for package in packages)
@@ -53,7 +53,7 @@ def bundled_packages(distro: str) -> dict[str, BundledFiles]:
     Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
     True for their interfaces.
     """
-    top = interfaces_dir()
+    top = DataFolders.interfaces()
     packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
     for layer in _layers(distro):
         difference = _difference(layer)
@@ -81,9 +81,9 @@ def is_absent(name: RosName, distro: str) -> bool:
 @cache
 def changed_interfaces(distro: str) -> frozenset[RosName]:
     """Return the interfaces that a distribution added, removed or changed relative to the default distribution."""
-    if distro == DEFAULT:
+    if distro == Distribution.DEFAULT:
         return frozenset()
-    own, default = _paths(distro), _paths(DEFAULT)
+    own, default = _paths(distro), _paths(Distribution.DEFAULT)
     return frozenset(name for name in own.keys() | default.keys() if own.get(name) != default.get(name))
 
 
@@ -94,7 +94,7 @@ def other_distributions_note(package: str, name: RosName | None = None) -> str:
     """
     having = [
         distro
-        for distro in DISTRIBUTIONS
+        for distro in Distribution.BUNDLED
         if (name in _paths(distro) if name else any(one.package == package for one in _paths(distro)))
     ]
     if not having:
@@ -115,7 +115,9 @@ def _paths(distro: str) -> dict[RosName, Path]:
 def files_below(package: str, folder: Path) -> dict[RosName, Path]:
     """Return the .msg, .srv and .action files of a package's folder by interface name."""
     return {
-        RosName(package, kind, path.stem): path for kind in KINDS for path in sorted((folder / kind).glob(f"*.{kind}"))
+        RosName(package, kind, path.stem): path
+        for kind in RosName.KINDS
+        for path in sorted((folder / kind).glob(f"*.{kind}"))
     }
 
 
@@ -124,7 +126,7 @@ def _layers(distro: str) -> list[str]:
     distribution's definitions.
     """
     found: list[str] = []
-    while distro != DEFAULT:
+    while distro != Distribution.DEFAULT:
         found.insert(0, distro)
         distro = _BASES[distro]
     return found
@@ -132,13 +134,13 @@ def _layers(distro: str) -> list[str]:
 
 @cache
 def _difference(distro: str) -> _Difference:
-    top = interfaces_dir() / "distributions" / distro
+    top = DataFolders.interfaces() / "distributions" / distro
     folders = {name: top / name for name in _package_folders(top)}
     files: dict[RosName, Path] = {}
     for package, folder in folders.items():
         files.update(files_below(package, folder))
     lines = (top / "absent.txt").read_text(encoding="utf-8").split()
-    return _Difference(files, folders, frozenset(str(split_ros_name(one)) if "/" in one else one for one in lines))
+    return _Difference(files, folders, frozenset(str(RosName.parse(one)) if "/" in one else one for one in lines))
 
 
 def _package_folders(top: Path) -> list[str]:

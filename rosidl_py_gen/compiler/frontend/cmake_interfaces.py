@@ -10,8 +10,8 @@ import os
 import posixpath
 from pathlib import Path
 
-from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
-from rosidl_py_gen.base.resources import is_generated
+from rosidl_py_gen.base.names import RosName, did_you_mean
+from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, nested_types
@@ -80,7 +80,7 @@ class CMakeInterfaceList:
         name = interface_name(self._package, relative)
         if path is None or not is_of_package(self._folder, path):
             self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
-        elif name is None and not is_generated(self._folder / path):  # a glob may match generated files
+        elif name is None and not GeneratedCode.is_file(self._folder / path):  # a glob may match generated files
             self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
         elif name is not None and os.path.isfile(self._folder / path):
             self._paths.setdefault(name, {}).setdefault(path, word.offset)
@@ -117,10 +117,10 @@ class CMakeInterfaceList:
         diagnostics = Diagnostics()
         source = read_source(self._folder / path, path, diagnostics) if len(self._paths[name]) > 1 else None
         interface = parse_interface(name, source, diagnostics) if source is not None else None
-        needs = map(split_ros_name, nested_types(interface) if interface else ())
+        needs = map(RosName.parse, nested_types(interface) if interface else ())
         is_incomplete = any(need.package == self._package and need not in self._paths for need in needs)
         is_wrong = bool(diagnostics.items) or is_incomplete
-        is_elsewhere = posixpath.dirname(path) not in KINDS
+        is_elsewhere = posixpath.dirname(path) not in RosName.KINDS
         return path.endswith(".idl"), is_wrong, self._paths[name][path] < 0, is_elsewhere, "ros1" in path, path
 
     def _report(self, problems: list[Diagnostic], offset: int, text: str) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME, FIELD_NAME, FieldDef, MessageDef
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
@@ -47,7 +47,7 @@ class DefinitionText:
         """
         texts = []
         registry, top = self._registry, self._name
-        for name in map(split_ros_name, registry.closure(str(top))):
+        for name in map(RosName.parse, registry.closure(str(top))):
             if name == top or name.kind == "msg":
                 if _must_stay_idl(registry, name):
                     texts.append(f"{_SEPARATOR}\nIDL: {name}\n{_source(registry, name)}")
@@ -101,7 +101,7 @@ def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested
         if comments or code:
             yield line if comments else code
         if item is not None and item.type.is_message:
-            below = split_ros_name(item.type.base)
+            below = RosName.parse(item.type.base)
             for nested in _expanded(registry, below, nested_comments, nested_comments):
                 yield f"\t{nested}"
 

@@ -18,7 +18,7 @@ from lark import Token as LarkToken
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
-from rosidl_py_gen.base.names import PACKAGE_NAME, RosName, py_name
+from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, decode_idl_string, python_value
 from rosidl_py_gen.compiler.frontend.model import (
     ConstantDef,
@@ -479,7 +479,8 @@ def _named(kind: IdlType, scope: _IdlSymbolTable, name: RosName, depth: int) -> 
     if not modules and last in scope.typedefs and depth < _MAX_TYPEDEFS:
         typedef = scope.typedefs[last]
         return _declared(typedef.type, typedef.declarator, scope, name, depth + 1)
-    if len(modules) == 2 and PACKAGE_NAME.allows(modules[0]) and modules[1] == "msg" and is_interface_name(last):
+    is_in_msg = len(modules) == 2 and modules[1] == "msg"
+    if is_in_msg and RosName.PACKAGE_RULE.allows(modules[0]) and is_interface_name(last):
         return FieldType(f"{modules[0]}/msg/{last}")
     if not modules and is_interface_name(last) and last not in scope.typedefs:
         return FieldType(f"{name.package}/msg/{last}")

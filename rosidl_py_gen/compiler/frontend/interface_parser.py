@@ -20,7 +20,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import MSG_PRIMITIVES, Arity, FieldType
-from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, RosName, did_you_mean
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import (
     CONSTANT_NAME,
@@ -277,11 +277,11 @@ def _base(tokens: dict[str, Token], package: str) -> str:
         if not has_package:
             other = FOREIGN_TYPES.get(text.lower())
             hint = f"; use {other}" if other else did_you_mean(text, _TYPES)
-        raise token.problem(f'"{text}" is neither a primitive type nor a message name ({INTERFACE_NAME}){hint}')
+        raise token.problem(f'"{text}" is neither a primitive type nor a message name ({RosName.NAME_RULE}){hint}')
     if has_package:
         package = tokens["type"].text
-        if not PACKAGE_NAME.allows(package):
-            raise tokens["type"].problem(f'"{package}" is not a package name; expected {PACKAGE_NAME}')
+        if not RosName.PACKAGE_RULE.allows(package):
+            raise tokens["type"].problem(f'"{package}" is not a package name; expected {RosName.PACKAGE_RULE}')
     return f"{package}/msg/{text}"
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import INTERFACE_NAME, PACKAGE_NAME, RosName, SpellingRule
+from rosidl_py_gen.base.names import RosName, SpellingRule
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
@@ -27,7 +27,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 """Name suffixes of the messages that an interface file defines, by kind (msg, srv, action)."""
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
-FIELD_NAME = PACKAGE_NAME
+FIELD_NAME = RosName.PACKAGE_RULE
 """Rule for names of fields, which is the same as for packages."""
 CONSTANT_NAME = SpellingRule(
     # Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
@@ -236,7 +236,7 @@ def is_interface_name(text: str) -> bool:
     text = text.removeprefix("Sample_")
     for suffix in _DERIVED_SUFFIXES:
         text = text.removesuffix(suffix)
-    return INTERFACE_NAME.allows(text)
+    return RosName.NAME_RULE.allows(text)
 
 
 def derived_name(name: RosName, suffix: str) -> RosName:

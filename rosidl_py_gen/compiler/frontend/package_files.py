@@ -20,7 +20,7 @@ from contextvars import ContextVar
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from rosidl_py_gen.base.names import KINDS, RosName
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def interface_name(package: str, path: str) -> RosName | None:
     holder, file = os.path.split(path)
     stem, suffix = os.path.splitext(file)
     kind = os.path.basename(holder) if suffix == ".idl" else suffix[1:]
-    return RosName(package, kind, stem) if kind in KINDS else None
+    return RosName(package, kind, stem) if kind in RosName.KINDS else None
 
 
 def is_of_package(folder: Path, path: str) -> bool:
@@ -118,7 +118,7 @@ def is_of_package(folder: Path, path: str) -> bool:
 
     Only files in msg, srv and action may be links to files outside of the package.
     """
-    return os.path.dirname(path) in KINDS or _is_inside(folder, path)
+    return os.path.dirname(path) in RosName.KINDS or _is_inside(folder, path)
 
 
 def _is_inside(folder: Path, path: str) -> bool:
@@ -150,14 +150,14 @@ def files_below(folder: Path) -> list[str]:
         names = {entry.name for entry in entries}
         if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *BUILD_TREE_MARKERS)):
             continue
-        holds_interfaces = not set(KINDS).isdisjoint(place.split("/"))  # msg/log may be a folder of definitions
+        holds_interfaces = not set(RosName.KINDS).isdisjoint(place.split("/"))  # msg/log may be a folder of definitions
         for entry in entries:
             path = f"{place}/{entry.name}" if place else entry.name
             if entry.name[0] == "." or (entry.name in _BUILD_FOLDERS and not holds_interfaces):
                 continue
             if not os.path.isdir(entry.path):
                 found.append(path)
-            elif path in KINDS or not entry.is_symlink():
+            elif path in RosName.KINDS or not entry.is_symlink():
                 folders.append(path)
     return sorted(found)
 

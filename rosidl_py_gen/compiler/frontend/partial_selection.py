@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import nested_types
 from rosidl_py_gen.compiler.frontend.registry import type_location
 from rosidl_py_gen.errors import Diagnostic, display_path
@@ -99,6 +99,6 @@ def _users(registry: InterfaceRegistry, names: list[RosName]) -> dict[RosName, d
         nested = nested_types(interface)
         for item in (item for message in interface.messages for item in message.fields):
             if item.type.base in nested:
-                need = split_ros_name(item.type.base)
+                need = RosName.parse(item.type.base)
                 users.setdefault(registry.owner(need) or need, {}).setdefault(name, item)
     return users

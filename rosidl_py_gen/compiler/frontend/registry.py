@@ -10,13 +10,8 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.descriptions import (
-    Description,
-    FieldRow,
-    TypeDescriptions,
-    individual_descriptions,
-)
-from rosidl_py_gen.base.names import INTERFACE_NAME, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.descriptions import Description, FieldRow, TypeDescriptions
+from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.interface_parser import FOREIGN_TYPES, may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import (
@@ -85,7 +80,7 @@ class InterfaceRegistry:
             path = self.search.file(name)
             source = read_source(path, display_path(path), self.diagnostics) if path else None
             if source is not None and not may_be_file(name):
-                text = f'"{name.name}" is not an interface name; expected {INTERFACE_NAME}'
+                text = f'"{name.name}" is not an interface name; expected {RosName.NAME_RULE}'
                 self.diagnostics.add(Location(source, 1, 1), text)
                 source = None
             self._store(name, parse_interface(name, source, self.diagnostics) if source else None)
@@ -105,7 +100,7 @@ class InterfaceRegistry:
         Returns None if it does not exist.
         """
         if full_name not in self._messages:
-            name = split_ros_name(full_name)
+            name = RosName.parse(full_name)
             self.interface(name)
             stem = name.name
             while full_name not in self._messages and (cut := _DERIVED.search(stem)):
@@ -142,7 +137,7 @@ class InterfaceRegistry:
         message = self.message(full_name)
         if message is not None:
             return [(item.name, item.type, item.default_text) for item in message.fields]
-        name = split_ros_name(full_name)
+        name = RosName.parse(full_name)
         if isinstance(self.interface(name), ActionDef):
             return TypeDescriptions.action_rows(full_name)
         if self.message(f"{full_name}_Request") is None:
@@ -165,14 +160,14 @@ class InterfaceRegistry:
         """Return the full name of a type, followed by the sorted names of all types to which it refers, at
         any depth.
         """
-        return [*individual_descriptions(self.type_description(full_name))]
+        return [*TypeDescriptions.individuals(self.type_description(full_name))]
 
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
         """Return a type's description with default values, and by type name the `repr` of each constant of the type and
         all types in it.
         """
         description = self.type_description(full_name)
-        found = {name: self.message(name) for name in individual_descriptions(description)}
+        found = {name: self.message(name) for name in TypeDescriptions.individuals(description)}
         return description, {
             name: {item.name: repr(item.value) for item in one.constants} if one else {} for name, one in found.items()
         }
@@ -182,7 +177,7 @@ class InterfaceRegistry:
         messages.
         """
         interface = self.interface(name)
-        return [] if interface is None else sorted(map(split_ros_name, nested_types(interface)))
+        return [] if interface is None else sorted(map(RosName.parse, nested_types(interface)))
 
     def with_dependencies(self, top: RosName) -> list[RosName]:
         """Return a checked interface and all interfaces that it refers to, at any depth.
@@ -264,7 +259,7 @@ def select_valid_names(registry: InterfaceRegistry, wanted: list[str]) -> tuple[
     problems: list[Diagnostic] = []
     for text in wanted or list(search.packages):
         if "/" in text:
-            name = split_ros_name(text, "msg")
+            name = RosName.parse(text, "msg")
             if search.file(name) is None:
                 problems.append(Diagnostic(text, 0, 0, search.missing_interface(name, "no interface of this name")))
             else:
@@ -343,7 +338,7 @@ def _visit(
 
 
 def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: FieldDef) -> None:
-    name = split_ros_name(item.type.base)
+    name = RosName.parse(item.type.base)
     short = f"{name.package}/{name.name}"
     at = type_location(item)
     if registry.exists(name):

@@ -24,10 +24,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
-from rosidl_py_gen.base.names import KINDS, PACKAGE_NAME, RosName, did_you_mean, split_ros_name
-from rosidl_py_gen.base.package_repositories import download_note
-from rosidl_py_gen.base.resources import ENTRY_POINTS, is_generated, ros_package_index
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.names import RosName, did_you_mean
+from rosidl_py_gen.base.package_repositories import MessagePackage
+from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import (
     BUILD_TREE_MARKERS,
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.frontend.cmake_interfaces import CMakeInterfaceList
 
-_SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
+_SUFFIXES = (".idl", *(f".{kind}" for kind in RosName.KINDS))
 _INSTALLED = "installed"
 """Value of `Package.origin` for packages that pip installed."""
 _BUNDLED = "bundled"
@@ -76,7 +76,7 @@ class Package:
         """Return the interface package in a source folder; None if the folder has no interfaces, or for an invalid
         name.
         """
-        if not PACKAGE_NAME.allows(name) or not (holds_interfaces(folder) or mentions_interfaces(folder)):
+        if not RosName.PACKAGE_RULE.allows(name) or not (holds_interfaces(folder) or mentions_interfaces(folder)):
             return None
         return cls(name, folder, "", from_source=True)
 
@@ -118,7 +118,7 @@ class Package:
         A .msg, .srv or .action file replaces an .idl file of its name.
         """
         found: dict[RosName, Path] = {}
-        for kind in KINDS:
+        for kind in RosName.KINDS:
             for entry in _entries(self.folder / kind):
                 stem, suffix = os.path.splitext(entry.name)
                 if suffix in (".idl", "." + kind) and os.path.isfile(entry.path):
@@ -156,12 +156,12 @@ class SearchPath:
             TypeNotFoundError: several interfaces have the name.
         """
         if "/" in text:
-            kinds = (kind for kind in KINDS if self.file(split_ros_name(text, kind)) is not None)
-            return split_ros_name(text, next(kinds, "msg"))
+            kinds = (kind for kind in RosName.KINDS if self.file(RosName.parse(text, kind)) is not None)
+            return RosName.parse(text, next(kinds, "msg"))
         found = [name for package in self.packages.values() for name in package.files if name.name == text]
         if len(found) > 1:
             raise TypeNotFoundError(f'"{text}" may be {", ".join(map(str, found))}')
-        return found[0] if found else split_ros_name(text)
+        return found[0] if found else RosName.parse(text)
 
     def notes(self, names: Iterable[RosName]) -> list[Diagnostic]:
         """Return notes on assumptions that were made about the CMakeLists.txt of the packages of some interfaces."""
@@ -195,9 +195,9 @@ class SearchPath:
             return f"{subject}: {text}; generate it again {where}"
         if module is not None:
             return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
-        named = (name for name in DISTRIBUTIONS if f"{_BUNDLED} ({name})" in self.searched)
-        distro = next(named, DEFAULT if _BUNDLED in self.searched else selected().name)
-        if note := download_note(package, distro):
+        named = (name for name in Distribution.BUNDLED if f"{_BUNDLED} ({name})" in self.searched)
+        distro = next(named, Distribution.DEFAULT if _BUNDLED in self.searched else Distribution.selected().name)
+        if note := MessagePackage(package).download_note(distro):
             return f"{subject} {where}. {note}"
         return f"{subject}{did_you_mean(package, self.packages)} {where}"
 
@@ -237,14 +237,15 @@ def scan_search_path(
     found = SearchPath({})
     for folder in folders:
         _add(found, str(folder), _packages_below(Path(folder), found.refused))
-    choice = selected(distro) if bundled else None
+    choice = Distribution.selected(distro) if bundled else None
     if choice is not None and choice.is_explicit:
         _add_bundled(found, choice.name)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
     for prefix in filter(None, prefixes.split(os.pathsep)):
         share = Path(prefix) / "share"
         holders = (Path(entry.path) for entry in _entries(share) if holds_interfaces(Path(entry.path)))
-        _add(found, prefix, (Package(path.name, path, prefix) for path in holders if PACKAGE_NAME.allows(path.name)))
+        named = (path for path in holders if RosName.PACKAGE_RULE.allows(path.name))
+        _add(found, prefix, (Package(path.name, path, prefix) for path in named))
     if choice is not None:
         if installed := [*_installed()]:
             _add(found, _INSTALLED, installed)
@@ -257,7 +258,7 @@ def _add_bundled(found: SearchPath, distro: str) -> None:
     packages = (
         Package(name, one.folder, _BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
     )
-    _add(found, _BUNDLED if distro == DEFAULT else f"{_BUNDLED} ({distro})", packages)
+    _add(found, _BUNDLED if distro == Distribution.DEFAULT else f"{_BUNDLED} ({distro})", packages)
 
 
 def _installed() -> Iterator[Package]:
@@ -270,23 +271,24 @@ def _installed() -> Iterator[Package]:
     for package in _installed_by_entry_points():
         names.add(package.name)
         yield package
-    index = ros_package_index()
+    index = InstalledInterfaces.ros_index()
     note(index)
     for entry in _entries(Path(index)) if os.path.isdir(index) else ():  # no folder, or one that cannot be reached
         folder = Path(sys.prefix, "share", entry.name)
-        if entry.name not in names and PACKAGE_NAME.allows(entry.name) and holds_interfaces(folder):
+        if entry.name not in names and RosName.PACKAGE_RULE.allows(entry.name) and holds_interfaces(folder):
             yield Package(entry.name, folder, _INSTALLED)
 
 
 def _installed_by_entry_points() -> Iterator[Package]:
     from importlib.metadata import entry_points  # slow to import
 
-    for name, module in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
+    entries = entry_points(group=InstalledInterfaces.ENTRY_POINTS)
+    for name, module in sorted({(entry.name, entry.value) for entry in entries}):
         try:
             spec = find_spec(module.partition(".")[0])
         except (ImportError, ValueError):
             continue
-        if spec is not None and spec.origin and PACKAGE_NAME.allows(name):
+        if spec is not None and spec.origin and RosName.PACKAGE_RULE.allows(name):
             folder = Path(spec.origin).parent
             if holds_interfaces(folder):
                 yield Package(name, folder, _INSTALLED)
@@ -328,7 +330,7 @@ def holds_interfaces(folder: Path) -> bool:
 
     An empty folder counts because its last interface may have been removed.
     """
-    return any(_is_for_interfaces(folder / kind) for kind in KINDS)
+    return any(_is_for_interfaces(folder / kind) for kind in RosName.KINDS)
 
 
 def _is_for_interfaces(folder: Path) -> bool:
@@ -344,7 +346,7 @@ def _is_for_interfaces(folder: Path) -> bool:
 
 
 def _groups_packages(folder: Path) -> bool:
-    inside = [Path(entry.path) for kind in KINDS for entry in _entries(folder / kind)]
+    inside = [Path(entry.path) for kind in RosName.KINDS for entry in _entries(folder / kind)]
     for path in inside:
         note(path / "package.xml")
     return any(os.path.isfile(path / "package.xml") for path in inside)
@@ -379,11 +381,12 @@ def _descend(
             package = Package(name, folder, origin, is_package)
             if not holds and not (package.listing and package.listing.files):
                 return
-            if PACKAGE_NAME.allows(name):
+            if RosName.PACKAGE_RULE.allows(name):
                 yield package
             else:
                 place = str(manifest if is_package else folder)
-                refused[name] = Diagnostic(place, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_NAME}')
+                text = f'"{name[:80]}" is not a legal package name; {RosName.PACKAGE_RULE}'
+                refused[name] = Diagnostic(place, 0, 0, text)
         return
     for entry in _entries(folder):
         is_folder = os.path.isdir(entry.path)  # entry.is_dir() raises for a link to itself
@@ -604,4 +607,6 @@ def _generated_package(package: str) -> Path | None:
     except (ImportError, ValueError, AttributeError):
         return None
     folder = Path(spec.origin).parent if spec is not None and spec.origin else None
-    return folder if folder is not None and any(is_generated(folder / kind / "__init__.py") for kind in KINDS) else None
+    if folder is None:
+        return None
+    return folder if any(GeneratedCode.is_file(folder / kind / "__init__.py") for kind in RosName.KINDS) else None

@@ -11,9 +11,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 
-from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description
+from rosidl_py_gen.base.descriptions import Description, TypeDescriptions
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
+from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_scalar, python_value
 from rosidl_py_gen.compiler.frontend.model import (
@@ -82,7 +82,7 @@ def registry_from_descriptions(
         top = assemble(name, messages, messages[0].source)
     registry.add(name, top)
     for needed in _reachable(top.messages, individuals):
-        nested = split_ros_name(needed)
+        nested = RosName.parse(needed)
         registry.add(nested, _from_source(nested, texts, individuals, (needed,)) or descriptions.message(needed))
     check(registry, [name])
     registry.raise_diagnostics()
@@ -162,7 +162,7 @@ class _RaiseOnFirst(Diagnostics):
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:
-    rows = [(item.name, item.type) for item in message.fields] or [EMPTY_MESSAGE]
+    rows = [(item.name, item.type) for item in message.fields] or [TypeDescriptions.EMPTY_MESSAGE]
     return [(name, kind.description()) for name, kind in rows]
 
 
@@ -190,9 +190,9 @@ class _DescriptionConverter:
             raise _problem(name, "expected at least one field, found none")
         if len({py_name(item.name) for item in fields}) < len(fields):
             raise _problem(name, "two fields have the same name")
-        if [(item.name, item.type) for item in fields] == [EMPTY_MESSAGE]:
+        if [(item.name, item.type) for item in fields] == [TypeDescriptions.EMPTY_MESSAGE]:
             fields = ()
-        return MessageDef(split_ros_name(name), fields, (), (), source)
+        return MessageDef(RosName.parse(name), fields, (), (), source)
 
     def _field(self, name: str, item: Description, at: Location) -> FieldDef:
         field = item["name"]
@@ -217,7 +217,7 @@ def _type(where: str, description: Description) -> FieldType:
         raise _problem(where, f"the type id {description['type_id']} is not supported")
     if kind.base == description["nested_type_name"]:
         try:
-            split_ros_name(kind.base)
+            RosName.parse(kind.base)
         except InvalidNameError as error:
             raise _problem(where, str(error)[:400]) from None
     has_capacity = kind.arity in (Arity.ARRAY, Arity.BOUNDED)

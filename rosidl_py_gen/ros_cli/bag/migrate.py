@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
@@ -158,7 +158,7 @@ class _NewDefinitions:
         from rosidl_py_gen.compiler.frontend import DefinitionText
 
         try:
-            owner = self._library.read_checked(split_ros_name(name))
+            owner = self._library.read_checked(RosName.parse(name))
         except TypeNotFoundError:
             return "not among the new definitions"
         packages = {one.partition("/")[0] for one in self._library.all_hashes(name)}
@@ -197,7 +197,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     if channel.message_encoding != "cdr":
         return _Topic(channel, channel, note=f"messages are {channel.message_encoding}")
     try:
-        name = rules.type_name(str(split_ros_name(channel.type_name, "msg")))
+        name = rules.type_name(str(RosName.parse(channel.type_name, "msg")))
     except InvalidNameError as error:
         return _Topic(channel, channel, note=str(error))
     new_definition = definitions.find(name)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.base.resources import require_modules
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, report, terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, options, verb
@@ -64,7 +64,7 @@ def table(
     rosidl-py bag table drives/*.mcap --out dataset --topics /imu /odom
     rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tls://10.0.0.1:8786
     """
-    require_modules(*(["distributed"] if scheduler else []), "pyarrow")
+    Extra.require_modules(*(["distributed"] if scheduler else []), "pyarrow")
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar
     from rosidl_py_gen.tables import write_datasets
 
@@ -171,7 +171,7 @@ def sql(
     import atexit
     import gc
 
-    require_modules("pyarrow")  # its extra has what bags need, too
+    Extra.require_modules("pyarrow")  # its extra has what bags need, too
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
     from rosidl_py_gen.tables import Database, find_sources
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.base.resources import require_modules
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -68,7 +68,7 @@ def video(
     rosidl-py bag video drive --topic /camera/image_raw drive.mp4
     rosidl-py bag video drive front.mp4 --topic /front/image_raw/compressed --fps 10 --start-offset 60 --duration 20
     """
-    require_modules("av")
+    Extra.require_modules("av")
     from rosidl_py_gen.bags import DurableFile
     from rosidl_py_gen.ros_cli.bag.images import ImageMessages
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows, opened_bag

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 import yaml
 
-from rosidl_py_gen.base.names import did_you_mean, split_ros_name
-from rosidl_py_gen.base.yaml_text import UNTAGGED, YamlError, compose_yaml
+from rosidl_py_gen.base.names import RosName, did_you_mean
+from rosidl_py_gen.base.yaml_text import YamlError, YamlText
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import InvalidNameError
 
@@ -49,7 +49,7 @@ def parse(text: str, name: str) -> yaml.Node | None:
     Raises `CommandError` that names the file `name`.
     """
     try:
-        return compose_yaml(text, max_bytes=_MAX_BYTES)
+        return YamlText(text, max_bytes=_MAX_BYTES).compose()
     except YamlError as error:
         raise CommandError(error.at(name)) from None
 
@@ -84,7 +84,9 @@ def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
 
 def is_null(node: yaml.Node) -> bool:
     """Return True if the value of a YAML node is missing or null."""
-    return isinstance(node, yaml.ScalarNode) and node.tag == UNTAGGED and not node.style and node.value in _NULLS
+    return (
+        isinstance(node, yaml.ScalarNode) and node.tag == YamlText.UNTAGGED and not node.style and node.value in _NULLS
+    )
 
 
 def place(node: yaml.Node, name: str) -> str:
@@ -132,6 +134,6 @@ def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
 
 def _type_name(node: YamlNode, name: str) -> str:
     try:
-        return str(split_ros_name(text(node, name), "msg"))
+        return str(RosName.parse(text(node, name), "msg"))
     except InvalidNameError as error:
         wrong(node, name, str(error))

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend import scan_search_path
 from rosidl_py_gen.errors import RosidlError
@@ -220,7 +220,7 @@ def libraries() -> Iterator[Finding]:
                 # Without advice: the self-test reports the library that is used, or what to install on this platform.
                 yield Finding(NOTE, "cyclonedds is not installed; DDS uses another libddsc if one is found")
             else:
-                yield Finding(BROKEN, f"{name} is not installed", install_command(extra))
+                yield Finding(BROKEN, f"{name} is not installed", Extra(extra).install_command())
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_service, type_hash
 from rosidl_py_gen.bags import qos_profiles
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.command_support import CommandError, terminal_output
@@ -48,7 +48,7 @@ def cannot_play_reason(channel: BagTopic) -> str:
         return f"messages are {channel.message_encoding}; expected cdr"
     try:
         validate_full_name(channel.name)
-        split_ros_name(channel.type_name, "msg")
+        RosName.parse(channel.type_name, "msg")
     except RosidlError as error:
         return str(error)
     return ""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic, qos_text, topic_of
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
 from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of, now_s
@@ -69,8 +69,8 @@ class Selection:
             "service": options.everything or options.all_services,
             "action": options.everything or options.all_actions,
         }
-        self._types = {str(split_ros_name(name, "msg")) for name in options.topic_types}
-        self._excluded_types = {str(split_ros_name(name, "msg")) for name in options.exclude_topic_types}
+        self._types = {str(RosName.parse(name, "msg")) for name in options.topic_types}
+        self._excluded_types = {str(RosName.parse(name, "msg")) for name in options.exclude_topic_types}
         self._regex = None if options.regex is None else compile_pattern(options.regex, "--regex")
         self._exclude_patterns = [compile_pattern(text, "--exclude") for text in options.exclude]
         self._hidden = options.hidden
@@ -243,7 +243,7 @@ class Recorder:
             return False
         try:
             validate_full_name(topic)
-            split_ros_name(kind)
+            RosName.parse(kind)
         except InvalidNameError as error:
             self._refused.add(topic)
             terminal_output.note(f"skipped a topic: {str(error).splitlines()[0]}")

@@ -128,12 +128,12 @@ def get_parameter_value(string_value: str) -> Any:
 
     Invalid YAML, and values that no parameter can have, become strings.
     """
-    from rosidl_py_gen.base.yaml_text import YamlError, load_yaml  # slow to import, and rarely needed
+    from rosidl_py_gen.base.yaml_text import YamlError, YamlText  # slow to import, and rarely needed
 
     if not isinstance(string_value, str):
         raise AttributeError(f"get_parameter_value: expected a str, got {string_value!r:.100}")  # as in rclpy
     try:
-        value = load_yaml(string_value, like_rclpy=True)
+        value = YamlText(string_value).load(like_rclpy=True)
     except YamlError:
         value = string_value
     if value == [] and isinstance(value, list):
@@ -172,12 +172,12 @@ def parameter_dict_from_yaml_file(
     Raises:
         RuntimeError: the file is not a parameter file, has no section for a node, or exceeds a limit of the loader.
     """
-    from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
+    from rosidl_py_gen.base.yaml_text import YamlError, YamlText
 
     with open(parameter_file, encoding="utf-8") as file:
         text = file.read()
     try:
-        nodes = load_yaml(text, like_rclpy=True)
+        nodes = YamlText(text).load(like_rclpy=True)
     except YamlError as error:
         raise RuntimeError(error.at(parameter_file)) from None
     if not isinstance(nodes, dict):

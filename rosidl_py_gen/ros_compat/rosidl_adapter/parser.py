@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypedDict, TypeVar
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES, FieldType
-from rosidl_py_gen.base.names import PACKAGE_NAME
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend import CONSTANT_NAME, LiteralProblem, file_scalar, is_interface_name, split_strings
 
 PACKAGE_NAME_MESSAGE_TYPE_SEPARATOR = "/"
@@ -92,12 +92,12 @@ class InvalidValue(Exception):
 
 def is_valid_package_name(name: str) -> bool:
     """Return True if a text is a valid name of a package; raise `InvalidResourceName` for other objects than texts."""
-    return PACKAGE_NAME.allows(_text(name))
+    return RosName.PACKAGE_RULE.allows(_text(name))
 
 
 def is_valid_field_name(name: str) -> bool:
     """Return True if a text is a valid name of a field; raise `InvalidResourceName` for other objects than texts."""
-    return PACKAGE_NAME.allows(_text(name))
+    return RosName.PACKAGE_RULE.allows(_text(name))
 
 
 def is_valid_message_name(name: str) -> bool:

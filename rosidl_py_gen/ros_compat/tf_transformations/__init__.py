@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 
 try:
     # The private module has the functions that the public ones leave out; therefore the extra excludes the next minor
@@ -17,7 +17,7 @@ try:
     from transforms3d import _gohlketransforms as _gohlke
     from transforms3d import affines, axangles, euler, quaternions, reflections, shears, zooms
 except ModuleNotFoundError as missing:
-    raise missing_extra_message(missing) or missing from None
+    raise Extra.missing_error(missing) or missing from None
 
 _Quaternion = tuple[Any, Any, Any, Any]
 

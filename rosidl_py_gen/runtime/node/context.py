@@ -16,9 +16,9 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.base.distributions import command_distribution
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -75,7 +75,9 @@ class ContextCore:
         if enclave is not None:
             validate_enclave(enclave)
         resolved_transport = resolve_transport(transport)
-        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery, distro=command_distribution())
+        settings = read_environment(
+            os.environ, domain_id=domain_id, discovery=discovery, distro=Distribution.name_for_node()
+        )
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
         self.enclave = self.ros_arguments.enclave if enclave is None else enclave
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)
@@ -254,7 +256,7 @@ def resolve_transport(transport: Transport | str | None) -> Transport:
             raise BackendMissingError(
                 "nodes on Zenoh need two more packages. Wheels of eclipse-zenoh exist for "
                 "CPython 3.9 and later on Linux (x86-64, ARM; glibc), macOS and Windows (x86-64). "
-                f"The import failed with: {error}. To install them: {install_command('zenoh')}",
+                f"The import failed with: {error}. To install them: {Extra('zenoh').install_command()}",
                 name=error.name,
             ) from error
         return ZenohTransport()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from rosidl_py_gen.base.names import similar_name
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.errors import InvalidNameError
@@ -191,7 +191,7 @@ class GraphMethods(NodeBase):
 
         def missing() -> str:
             names = [node.fully_qualified_name for node in self._scope.graph.nodes()]
-            return f"no node {full_name} appeared{similar_name(full_name, names)}"
+            return f"no node {full_name} appeared{did_you_mean(full_name, names, in_namespaces=True)}"
 
         alone = self._scope.discovery.unmatched.alone
         return await self._scope.wait_or_raise(is_known, timeout_s, missing, why=alone)

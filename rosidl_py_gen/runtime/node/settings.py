@@ -20,7 +20,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs import LogLevelError, LogSettings, parse_level
 from rosidl_py_gen.runtime.names import TOKEN_TEXT, InvalidRemapRuleError, RemapRule, parse_remap_rule, validate_enclave
@@ -312,7 +312,7 @@ def read_environment(
         domain_id = _check_domain_id("ROS_DOMAIN_ID", _parse_unsigned(text), text)
     else:
         domain_id = _check_domain_id("domain_id", domain_id, domain_id)
-    distro = environ.get(ENVIRONMENT_VARIABLE, "").strip().lower() if distro is None else distro
+    distro = environ.get(Distribution.VARIABLE, "").strip().lower() if distro is None else distro
     uri = environ.get("CYCLONEDDS_URI", "")
     return DomainSettings(domain_id, discovery_range, peers, uri, tuple(warnings), ros_distro=distro)
 

@@ -23,9 +23,9 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.resources import missing_extra_message
-from rosidl_py_gen.base.yaml_text import YamlError, yaml_events
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.extras import Extra
+from rosidl_py_gen.base.yaml_text import YamlError, YamlText
 from rosidl_py_gen.runtime.names import find_namespace_fault, find_node_name_fault
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 try:
     import yaml
 except ModuleNotFoundError as missing:
-    raise missing_extra_message(missing) or missing from None
+    raise Extra.missing_error(missing) or missing from None
 
 
 PARAMETERS_KEY = "ros__parameters"
@@ -207,7 +207,7 @@ class ParameterTable:
         """
         reader = _FileReader(name, self.node)
         try:
-            for event in yaml_events(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS):
+            for event in YamlText(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS).events():
                 reader.read(event)
         except YamlError as error:
             raise ParameterFileError(error.at(name)) from None
@@ -227,7 +227,7 @@ class ParameterTable:
         slot = self.node(key, source).slot(parameter)
         reader = _ValueReader("<value>", slot)
         try:
-            for event in yaml_events(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS):
+            for event in YamlText(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS).events():
                 if isinstance(event, yaml.MappingStartEvent) and not reader.is_in_list:
                     _fail("<value>", event, "expected a value or a list, found a map")
                 reader.read(event)
@@ -606,7 +606,7 @@ def _fail(name: str, event: yaml.Event, text: str) -> NoReturn:
 def _scalar(node: yaml.ScalarEvent) -> ParameterValue:
     if not node.value and node.style not in ("'", '"'):
         return plain_scalar("")
-    if node.tag in _TYPE_TAGS and selected().is_since("lyrical"):
+    if node.tag in _TYPE_TAGS and Distribution.selected().is_since("lyrical"):
         return _tagged_scalar(node.value, _TYPE_TAGS[node.tag])
     if node.tag == _STRING or node.style in ("'", '"'):
         return ParameterValue(ParameterType.STRING, node.value)

@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.bags.storage.mcap_index import recorded_distro
-from rosidl_py_gen.base.distributions import distribution_of_command
+from rosidl_py_gen.base.distributions import Distribution
 
 RANGE = "sensor_msgs/msg/Range"
 HUMBLE: Any = get_message(RANGE, distro="humble")
@@ -100,7 +100,7 @@ def test_recorded_distribution_overrides_environment_and_caller_overrides_both(
     (own / "Range.msg").write_text("int8 mine\n")
     with BagReader(bag, search_path=tmp_path / "own") as reader:
         assert reader.definition("/reading").origin.endswith(os.path.join("sensor_msgs", "msg", "Range.msg"))
-    with distribution_of_command("jazzy"), BagReader(bag) as reader:
+    with Distribution.of_command("jazzy"), BagReader(bag) as reader:
         assert reader.definition("/reading").message_class is JAZZY
 
 
@@ -114,7 +114,7 @@ def test_tasks_in_worker_processes_use_the_distribution_selected_by_the_command(
         with sqlite3.connect(bag / "bag_0.db3") as base:
             base.execute("update schema set ros_distro = 'lyrical'")
         base.close()
-    with distribution_of_command("humble"):
+    with Distribution.of_command("humble"):
         report = tables.write_datasets(bags, tmp_path / "out", workers=workers)
     assert report.failed == {} and [len(files) for files in report.files.values()] == [1, 1]
     assert not report.skipped_topics

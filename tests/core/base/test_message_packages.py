@@ -9,8 +9,8 @@ import pytest
 from support.folders import ROOT
 
 from rosidl_py_gen.base import package_repositories
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.package_repositories import download_note
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.package_repositories import MessagePackage
 
 FILE = Path(package_repositories.__file__).with_name("message_packages.txt")
 LINES = FILE.read_text(encoding="utf-8").splitlines()
@@ -29,16 +29,16 @@ def test_message_package_table_is_small_and_states_source_and_date() -> None:
 def test_table_row_has_repository_branch_for_each_distribution_and_packages(row: list[str]) -> None:
     repository, *branches = row[:5]
     assert re.fullmatch(r"(https://[\w.-]+/)?[\w.-]+/[\w./-]+", repository) and not repository.endswith(".git")
-    assert len(branches) == len(DISTRIBUTIONS) and branches[0] != "=" and set(branches) != {"-"}
+    assert len(branches) == len(Distribution.BUNDLED) and branches[0] != "=" and set(branches) != {"-"}
     assert all(re.fullmatch(r"[\w./-]+|=", branch) and not branch.startswith("--") for branch in branches)
     assert row[5:] and all(re.fullmatch(r"[a-z]\w+", package) for package in row[5:])
 
 
-@pytest.mark.parametrize("distro", DISTRIBUTIONS)
+@pytest.mark.parametrize("distro", Distribution.BUNDLED)
 def test_each_package_has_a_clone_command_for_each_distribution(distro: str) -> None:
     command = re.compile(r"git clone --depth 1 --branch ([\w./-]+) (https://[\w./-]+); then use --path ([\w.-]+) ")
     for package in PACKAGES:
-        found = command.search(download_note(package, distro))
+        found = command.search(MessagePackage(package).download_note(distro))
         assert found is not None and found[2].endswith("/" + found[3]) and found[1] not in ("-", "=")
 
 
@@ -55,14 +55,14 @@ def test_each_package_has_a_clone_command_for_each_distribution(distro: str) -> 
     ],
 )
 def test_download_note_has_branch_of_the_distribution_or_the_nearest_one(package: str, distro: str, text: str) -> None:
-    assert text in download_note(package, distro)
+    assert text in MessagePackage(package).download_note(distro)
 
 
 def test_download_note_is_empty_for_unknown_package_or_missing_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert download_note("my_robot_msgs", "jazzy") == download_note("std_msgs", "jazzy") == ""
+    assert [MessagePackage(name).download_note("jazzy") for name in ("my_robot_msgs", "std_msgs")] == ["", ""]
     monkeypatch.setattr(package_repositories, "TABLE_FILE", Path("/nowhere"))
     package_repositories.package_rows.cache_clear()
     try:
-        assert download_note("control_msgs", "jazzy") == ""
+        assert MessagePackage("control_msgs").download_note("jazzy") == ""
     finally:
         package_repositories.package_rows.cache_clear()

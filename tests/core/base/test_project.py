@@ -12,7 +12,7 @@ import pytest
 from support.interface_packages import run, write
 
 from rosidl_py_gen import generator_cli, get_message, ros_cli
-from rosidl_py_gen.base.project import importable_current_folder, with_project_path
+from rosidl_py_gen.base.project import GeneratedPackages, with_project_path
 from rosidl_py_gen.errors import DefinitionError
 
 TABLE = "[tool.rosidl-py]\n"
@@ -108,7 +108,7 @@ def test_commands_find_generated_packages_in_the_current_folder_and_on_pythonpat
     monkeypatch.syspath_prepend(tmp_path / "there")
     before = [*sys.path], [*sys.meta_path]
     write(tmp_path / "here", {"optional_library.py": "raise SystemExit('code of the current folder ran')"})
-    with importable_current_folder():
+    with GeneratedPackages.of_current_folder():
         assert find_spec("optional_library") is None and find_spec("here_msgs") is not None
     for package, folder in (("here_msgs", "here_msgs"), ("there_msgs", str(tmp_path / "there/there_msgs"))):
         ros_cli.main(["interface", "show", f"{package}/Ask"])

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.base.yaml_text import MAX_VALUES, YamlError, compose_yaml, load_yaml
+from rosidl_py_gen.base.yaml_text import MAX_VALUES, YamlError, YamlText
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.ros_cli.bag.yaml_files import parse
 from rosidl_py_gen.ros_cli.values import parse_value
@@ -44,12 +44,12 @@ def test_yaml_scalars_become_the_expected_python_values() -> None:
         "{1: 2, yes: 3}": {"1": 2, "yes": 3},
         "a: &a {b: 1}\nc: {<<: *a, d: 2}": {"a": {"b": 1}, "c": {"b": 1, "d": 2}},
     }
-    assert {text: load_yaml(text) for text in expected} == expected
+    assert {text: YamlText(text).load() for text in expected} == expected
 
 
 def test_scalars_loaded_for_rclpy_programs_match_pyyaml() -> None:
     texts = ["1:30", "1:30.5", "1e5", "1.5e+3", "010", "08", "0x1F", "0b11", "1_000", "-5", ".inf", "no", "~", "''"]
-    assert [load_yaml(text, like_rclpy=True) for text in texts] == [yaml.safe_load(text) for text in texts]
+    assert [YamlText(text).load(like_rclpy=True) for text in texts] == [yaml.safe_load(text) for text in texts]
 
 
 @pytest.mark.parametrize("like_rclpy", [False, True])
@@ -70,7 +70,7 @@ def test_refused_yaml_always_raises_yaml_error(like_rclpy: bool) -> None:
     }
     for text, reason in expected.items():
         with pytest.raises(YamlError) as caught:
-            load_yaml(text, max_bytes=2000, like_rclpy=like_rclpy)
+            YamlText(text, max_bytes=2000).load(like_rclpy=like_rclpy)
         assert reason in str(caught.value)
 
 
@@ -88,9 +88,10 @@ def test_parsing_time_is_proportional_to_the_text_size() -> None:
     }
     began = time.process_time()
     for text in hostile.values():
-        for read in (load_yaml, lambda text: load_yaml(text, like_rclpy=True), compose_yaml):
+        yaml_text = YamlText(text)
+        for read in (yaml_text.load, lambda one=yaml_text: one.load(like_rclpy=True), yaml_text.compose):
             with contextlib.suppress(YamlError):
-                read(text)
+                read()
     for reader in (parse_value, parse_parameter_file, lambda text: parse(text, "name")):
         with contextlib.suppress(CommandError, ParameterFileError):
             reader(hostile["sexagesimal"])

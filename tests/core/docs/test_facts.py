@@ -20,7 +20,7 @@ from support.markdown_pages import PAGES, blocks, prose, rows
 
 import rosidl_py_gen
 from rosidl_py_gen import bags, numpy, runtime, tf
-from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.prefix.launch_packages import REPOSITORIES, install_command_of
 
@@ -42,7 +42,7 @@ def page_id(page: Path) -> str:
 
 
 def test_pages_state_correct_number_of_bundled_packages() -> None:
-    count = len(bundled_packages(DEFAULT))
+    count = len(bundled_packages(Distribution.DEFAULT))
     found = []
     for page in SITE:
         for line in page.read_text(encoding="utf-8").splitlines():
@@ -67,7 +67,7 @@ def test_pages_state_python_versions_of_project() -> None:
 
 
 def test_pages_state_all_distributions() -> None:
-    names = [name.capitalize() for name in DISTRIBUTIONS]
+    names = [name.capitalize() for name in Distribution.BUNDLED]
     stated = found_on_pages(rf"{names[0]}(?:, \w+)+ and \w+|{names[0]} to \w+")
     assert stated.keys() >= {"README.md", "docs/index.md", "docs/reference/compatibility.md"}
     complete = {f"{', '.join(names[:-1])} and {names[-1]}", f"{names[0]} to {names[-1]}"}

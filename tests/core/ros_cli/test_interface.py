@@ -17,7 +17,8 @@ from support.announced_types import Told, fresh, told_by
 from support.worlds import World
 
 from rosidl_py_gen import from_dict, get_action, get_message, get_service, type_hash
-from rosidl_py_gen.base.resources import install_command, interfaces_dir
+from rosidl_py_gen.base.extras import Extra
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.ros_cli.message_text import message_from
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     RunHere = Callable[..., tuple[int, str, str]]
 
 
-_PACKAGES = scan_search_path([interfaces_dir()], ament="", bundled=False).packages.values()
+_PACKAGES = scan_search_path([DataFolders.interfaces()], ament="", bundled=False).packages.values()
 BUNDLED = [str(name) for package in _PACKAGES for name in package.files]
 
 
@@ -207,7 +208,7 @@ def test_without_the_extra_node_show_works_and_other_commands_name_it() -> None:
     assert run("interface", "proto", "--json", "std_msgs/msg/String").stdout == '{"data": ""}\n'
     for needs in (("interface", "proto", "std_msgs/msg/String"), ("topic", "list", "--discovery", "localhost")):
         done = run(*needs)
-        assert done.returncode == 1 and install_command("node") in done.stderr, done.stderr
+        assert done.returncode == 1 and Extra("node").install_command() in done.stderr, done.stderr
         assert "Traceback" not in done.stderr
 
 

@@ -20,8 +20,8 @@ from rosidl_py_gen import (
     get_service,
     type_hash,
 )
-from rosidl_py_gen.base.distributions import DISTRIBUTIONS, distribution_of_command, selected
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.distributions import Distribution
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces, files_below
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import load
@@ -61,7 +61,7 @@ def test_definition_of_a_distribution_has_the_hash_computed_by_rosidl(name: str,
     assert type_hash(get_message(name, distro=distro)) == f"RIHS01_{UPSTREAM[name, distro]}"
 
 
-@pytest.mark.parametrize("distro", DISTRIBUTIONS)
+@pytest.mark.parametrize("distro", Distribution.BUNDLED)
 def test_every_definition_of_a_distribution_is_valid(distro: str) -> None:
     search = scan_search_path(ament="", distro=distro)
     _, names = load(search, [])
@@ -69,21 +69,21 @@ def test_every_definition_of_a_distribution_is_valid(distro: str) -> None:
 
 
 def test_stored_definitions_of_a_distribution_differ_from_the_default_and_are_used() -> None:
-    top = interfaces_dir() / "distributions"
+    top = DataFolders.interfaces() / "distributions"
     for distro in os.listdir(top):
         if distro != "COLCON_IGNORE":
             stored = [files_below(one, top / distro / one) for one in os.listdir(top / distro) if one != "absent.txt"]
             names = {name for files in stored for name in files}
             assert names <= changed_interfaces(distro)
             for name, path in ((name, path) for files in stored for name, path in files.items()):
-                default = interfaces_dir() / name.package / name.kind / path.name
+                default = DataFolders.interfaces() / name.package / name.kind / path.name
                 assert not default.exists() or default.read_text() != path.read_text()
 
 
 def test_types_equal_in_several_distributions_have_one_class() -> None:
-    classes = {get_message("geometry_msgs/PoseStamped", distro=distro) for distro in (None, *DISTRIBUTIONS)}
+    classes = {get_message("geometry_msgs/PoseStamped", distro=distro) for distro in (None, *Distribution.BUNDLED)}
     assert len(classes) == 1
-    assert len({get_message("sensor_msgs/Range", distro=distro) for distro in DISTRIBUTIONS}) == 2
+    assert len({get_message("sensor_msgs/Range", distro=distro) for distro in Distribution.BUNDLED}) == 2
     assert get_service("std_srvs/SetBool", distro="humble") is get_service("std_srvs/SetBool")
     assert get_action("turtlesim_msgs/RotateAbsolute", distro="kilted")
 
@@ -148,8 +148,8 @@ def test_an_unknown_distribution_is_an_error(wrong: str) -> None:
 
 
 def test_names_of_distributions_are_read_in_any_case() -> None:
-    assert selected("HUMBLE") == ("humble", True)
-    assert selected("rolling") == ("lyrical", True)
+    assert Distribution.selected("HUMBLE") == ("humble", True)
+    assert Distribution.selected("rolling") == ("lyrical", True)
 
 
 def test_unknown_distribution_in_the_environment_is_warned_about_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,18 +158,18 @@ def test_unknown_distribution_in_the_environment_is_warned_about_once(monkeypatc
         assert get_message("std_msgs/Bool")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert selected() == ("jazzy", False)
+        assert Distribution.selected() == ("jazzy", False)
 
 
 def test_distribution_of_a_command_is_selected_for_its_duration(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "kilted")
-    with distribution_of_command("lyrical"):
-        assert selected() == ("lyrical", True)
-        assert selected("humble") == ("humble", True)
-        with distribution_of_command("humble"), distribution_of_command("lyrical"):
-            assert selected().name == "lyrical"
-        assert selected().name == "lyrical"
-    assert selected() == ("kilted", False)
+    with Distribution.of_command("lyrical"):
+        assert Distribution.selected() == ("lyrical", True)
+        assert Distribution.selected("humble") == ("humble", True)
+        with Distribution.of_command("humble"), Distribution.of_command("lyrical"):
+            assert Distribution.selected().name == "lyrical"
+        assert Distribution.selected().name == "lyrical"
+    assert Distribution.selected() == ("kilted", False)
 
 
 def test_explicit_distribution_overrides_ament_but_not_the_given_path(

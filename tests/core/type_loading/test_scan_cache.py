@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from support.interface_packages import write
 
-from rosidl_py_gen.base.distributions import DistributionChoice
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.compiler.frontend import search_path
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError
@@ -18,7 +18,7 @@ from rosidl_py_gen.type_loading import scan_cache
 from rosidl_py_gen.type_loading.disk_cache import VARIABLE
 from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 
-JAZZY = DistributionChoice("jazzy", False)
+JAZZY = Distribution("jazzy", False)
 XML = "<package><name>{}</name></package>"
 FILES = {
     "ws/src/a_msgs/package.xml": XML.format("a_msgs"),
@@ -57,7 +57,7 @@ def _workspace(tmp_path: Path) -> Workspace:
     return Workspace(tmp_path / "ws" / "src")
 
 
-def _found(tmp_path: Path, path: tuple[str, ...] = (), choice: DistributionChoice = JAZZY) -> dict[str, list[str]]:
+def _found(tmp_path: Path, path: tuple[str, ...] = (), choice: Distribution = JAZZY) -> dict[str, list[str]]:
     """Return the packages of the workspace and of `path`, with their files."""
     _, found = search(path, _workspace(tmp_path), choice)
     inside = {name: one for name, one in found.packages.items() if one.folder.is_relative_to(tmp_path)}
@@ -123,8 +123,8 @@ def test_searches_with_different_settings_are_cached_separately(
     assert set(_found(tmp_path)) == {"a_msgs", "b_msgs"}
     assert set(_found(tmp_path, (str(tmp_path / "more"),))) == {"a_msgs", "b_msgs", "c_msgs"}
     for name in ("humble", "jazzy", "kilted"):
-        _, found = search((), _workspace(tmp_path), DistributionChoice(name, True))
-        again = search((), _workspace(tmp_path), DistributionChoice(name, True))[1]
+        _, found = search((), _workspace(tmp_path), Distribution(name, True))
+        again = search((), _workspace(tmp_path), Distribution(name, True))[1]
         assert again.packages.keys() == found.packages.keys() and again.searched == found.searched
         assert {name: one.files for name, one in again.packages.items()} == {
             name: one.files for name, one in found.packages.items()

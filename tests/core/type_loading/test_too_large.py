@@ -14,7 +14,7 @@ from support.rclpy_messages import hooked
 
 from rosidl_py_gen import DefinitionError, compile_definition, get_message
 from rosidl_py_gen.bags import BagReader, BagWarning, DecoderFactory
-from rosidl_py_gen.base.descriptions import individual_description
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.fieldtype import FieldType
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_ELEMENTS
@@ -81,7 +81,7 @@ def test_descriptions_of_nodes_are_refused() -> None:
     rows = [(f"f{i}", FieldType.parse("wide_msgs/msg/Pair"), "") for i in range(700)]
     pair = [(field.ros_name, field.type, "") for field in type_fields(small)]
     described = {
-        name: individual_description(name, found)
+        name: TypeDescriptions.individual(name, found)
         for name, found in {"wide_msgs/msg/Many": rows, "wide_msgs/msg/Pair": pair}.items()
     }
     with pytest.raises(DefinitionError, match=r"wide_msgs/msg/Many has 2001 fields .* at most 2000 are allowed"):

@@ -21,7 +21,7 @@ from support.interface_packages import write
 from support.program_processes import run
 from support.rosidl_oracle import RELEASES, requirements
 
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 
 pytestmark = pytest.mark.real_time("programs are processes")
@@ -91,7 +91,7 @@ def test_constants_equal_real_rosidl_adapter(parsers: list[Parser]) -> None:
 
 
 def test_bundled_interfaces_parse_like_real_rosidl_adapter(parsers: list[Parser]) -> None:
-    files = [path for kind in CALLS for path in sorted(interfaces_dir().glob(f"*/{kind}/*.{kind}"))]
+    files = [path for kind in CALLS for path in sorted(DataFolders.interfaces().glob(f"*/{kind}/*.{kind}"))]
     questions = [
         [CALLS[path.suffix[1:]], path.parts[-3], path.stem, path.read_text(encoding="utf-8")] for path in files
     ]

@@ -24,7 +24,7 @@ from support.reference_cdr import NUMBERS, Reference, same
 
 from rosidl_py_gen import compile_definition, decode, encode
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
@@ -56,8 +56,8 @@ TEXTS = {f"fastcdr/msg/{name}": text.replace("|", "\n") + "\n" for name, text in
 def reference() -> Reference:
     library = InterfaceRegistry(SearchPath({}, [], []))
     for name, text in TEXTS.items():
-        library.add_text(split_ros_name(name), SourceText(f"<{name}>", text, "msg"))
-    check(library, [split_ros_name(name) for name in TEXTS])
+        library.add_text(RosName.parse(name), SourceText(f"<{name}>", text, "msg"))
+    check(library, [RosName.parse(name) for name in TEXTS])
     library.raise_diagnostics()
     return Reference(library.message)
 

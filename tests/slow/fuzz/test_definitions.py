@@ -19,7 +19,7 @@ from support.example_counts import examples
 
 from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict, type_hash, type_name
 from rosidl_py_gen.bags import DecoderFactory
-from rosidl_py_gen.base.descriptions import individual_descriptions
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError
 from rosidl_py_gen.type_loading.from_description import DescribedType, definition_text
@@ -208,7 +208,7 @@ class Definitions(RuleBasedStateMachine):
             self._keep(
                 run_bounded(lambda: compile_definition(type_name(cls), text[:place] + change[1] + text[place + 1 :]))
             )
-        run_bounded(lambda: DescribedType(type_name(cls), individual_descriptions(type_description(cls))).load())
+        run_bounded(lambda: DescribedType(type_name(cls), TypeDescriptions.individuals(type_description(cls))).load())
 
 
 TestDefinitions = Definitions.TestCase

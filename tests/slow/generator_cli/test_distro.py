@@ -12,7 +12,7 @@ from support.generator_shell import Shell
 from support.interface_packages import write
 
 from rosidl_py_gen import ros_cli
-from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.distributions import Distribution
 
 RANGE = "sensor_msgs/msg/Range"
 
@@ -25,7 +25,7 @@ def test_generated_packages_follow_selected_distribution(shell: Shell, monkeypat
     assert shell("--filter", RANGE, "--out", "environment").code == 0
     humble, jazzy, other = ((shell.folder / one / text).read_text() for one in ("humble", "jazzy", "environment"))
     assert "variance" not in humble and "variance" in jazzy and other == humble
-    assert selected() == ("humble", False)
+    assert Distribution.selected() == ("humble", False)
 
 
 def test_distro_option_is_accepted_before_and_after_command(shell: Shell) -> None:
@@ -88,7 +88,7 @@ def test_interface_command_of_rosidl_py_has_distro_option(capsys: pytest.Capture
     assert "variance" in capsys.readouterr().out
     ros_cli.main(["interface", "hash", "lifecycle_msgs/TransitionEvent", "--distro", "lyrical"])
     assert "78b19e2be41a" in capsys.readouterr().out
-    assert not selected().is_explicit
+    assert not Distribution.selected().is_explicit
 
 
 def test_run_command_uses_messages_of_selected_distribution(tmp_path: Path) -> None:

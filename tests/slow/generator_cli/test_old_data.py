@@ -14,7 +14,7 @@ from support.interface_packages import texts
 from support.reference_cdr import Reference
 
 from rosidl_py_gen import to_dict
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.generator_cli.compare import DefinitionSet, collect, compare
 
@@ -25,7 +25,7 @@ NAME, POINT = "a_msgs/msg/Sample", "a_msgs/msg/Point"
 
 
 def facts(definitions: Mapping[str, str]) -> DefinitionSet:
-    return collect(texts(definitions), [split_ros_name(name) for name in definitions])
+    return collect(texts(definitions), [RosName.parse(name) for name in definitions])
 
 
 def reads_old_data(name: str, old: Mapping[str, str], new: Mapping[str, str]) -> bool:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.folders import ROOT
 
-from rosidl_py_gen.base.resources import install_command, missing_extra_message
+from rosidl_py_gen.base.extras import Extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +47,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any]
 
 def test_install_command_names_package_if_installed_from_index(installed: Callable[[Any], None]) -> None:
     installed(None)
-    assert install_command("mcap") == "pip install 'rosidl-py-gen[mcap]'"
+    assert Extra("mcap").install_command() == "pip install 'rosidl-py-gen[mcap]'"
 
 
 @pytest.mark.parametrize(("editable", "words"), [(True, ["-e"]), (False, [])])
@@ -57,19 +57,19 @@ def test_install_command_names_folder_if_installed_from_folder(
     folder = tmp_path / "a folder's name"
     folder.mkdir()
     installed({"url": folder.as_uri(), "dir_info": {"editable": True} if editable else {}})
-    assert shlex.split(install_command("mcap")) == ["pip", "install", *words, f"{folder}[mcap]"]
+    assert shlex.split(Extra("mcap").install_command()) == ["pip", "install", *words, f"{folder}[mcap]"]
 
 
 def test_install_command_names_wheel_if_installed_from_wheel(installed: Callable[[Any], None], tmp_path: Path) -> None:
     wheel = tmp_path / "rosidl_py_gen-0.1.0-py3-none-any.whl"
     wheel.touch()
     installed({"url": wheel.as_uri(), "archive_info": {}})
-    assert shlex.split(install_command("mcap")) == ["pip", "install", f"{wheel}[mcap]"]
+    assert shlex.split(Extra("mcap").install_command()) == ["pip", "install", f"{wheel}[mcap]"]
 
 
 def test_install_command_names_commit_if_installed_from_repository(installed: Callable[[Any], None]) -> None:
     installed({"url": "https://example.org/r.git", "vcs_info": {"vcs": "git", "commit_id": "abc"}})
-    assert install_command("mcap") == "pip install 'rosidl-py-gen[mcap] @ git+https://example.org/r.git@abc'"
+    assert Extra("mcap").install_command() == "pip install 'rosidl-py-gen[mcap] @ git+https://example.org/r.git@abc'"
 
 
 def test_install_command_lists_requirements_if_origin_is_missing(
@@ -77,24 +77,24 @@ def test_install_command_lists_requirements_if_origin_is_missing(
 ) -> None:
     installed({"url": (tmp_path / "gone").as_uri(), "dir_info": {}})
     needed = ["mcap<2,>=1.6", "cyclonedds<12,>=11.0.1", "pyyaml>=6.0; (os_name != 'x')"]
-    assert shlex.split(install_command("mcap")) == ["pip", "install", *needed]
+    assert shlex.split(Extra("mcap").install_command()) == ["pip", "install", *needed]
 
 
 @pytest.mark.parametrize("broken", ["", "[", "[]", "5", '{"url": 5}'])
 def test_install_command_tolerates_broken_direct_url_metadata(installed: Callable[[Any], None], broken: str) -> None:
     installed(broken)
-    assert install_command("mcap").startswith("pip install ")
+    assert Extra("mcap").install_command().startswith("pip install ")
 
 
 def test_install_command_in_checkout_is_editable_install_of_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = ["pip", "install", "-e", f"{ROOT}[mcap]"]
-    assert shlex.split(install_command("mcap")) == expected  # tests run in an editable install
+    assert shlex.split(Extra("mcap").install_command()) == expected  # tests run in an editable install
 
     def missing(name: str) -> object:
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr("importlib.metadata.distribution", missing)
-    assert shlex.split(install_command("mcap")) == expected
+    assert shlex.split(Extra("mcap").install_command()) == expected
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_missing_module_error_contains_install_command_of_extra(missing: str, pr
         "except ExtraMissingError as error: print(error.name, error)",
     ]
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.startswith(f"{missing} ") and install_command(extra) in done.stdout, done.stderr
+    assert done.stdout.startswith(f"{missing} ") and Extra(extra).install_command() in done.stdout, done.stderr
 
 
 def test_all_names_of_the_runtime_can_be_imported_without_a_transport() -> None:
@@ -133,7 +133,7 @@ def test_all_names_of_the_runtime_can_be_imported_without_a_transport() -> None:
 
 
 def test_missing_module_of_no_extra_has_no_hint() -> None:
-    assert missing_extra_message(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
+    assert Extra.missing_error(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
 
 
 @pytest.mark.parametrize(

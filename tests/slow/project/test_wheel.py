@@ -86,9 +86,9 @@ def test_bundled_types_use_pregenerated_classes_without_loading_compiler(package
     program = """
 import sys
 from rosidl_py_gen import get_action, get_message, get_service
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 get = {"msg": get_message, "srv": get_service, "action": get_action}
-for file in interfaces_dir().glob("*/*/*.*"):
+for file in DataFolders.interfaces().glob("*/*/*.*"):
     if file.parent.name in get:
         name = f"{file.parent.parent.name}/{file.parent.name}/{file.stem}"
         cls = get[file.parent.name](name)

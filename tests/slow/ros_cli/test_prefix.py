@@ -233,7 +233,7 @@ def test_run_uses_its_own_settings_in_a_sourced_shell(made: build.Prefix, tmp_pa
 
 
 def test_default_distribution_of_prefix_keeps_detection_of_humble(made: build.Prefix) -> None:
-    code = "from rosidl_py_gen.base.distributions import command_distribution as c; print(repr(c()))"
+    code = "from rosidl_py_gen.base.distributions import Distribution; print(repr(Distribution.name_for_node()))"
     assert started(sys.executable, "-c", code, **variables(made.folder)).stdout == "''\n"
     chosen = {**variables(made.folder), "ROS_DISTRO": "humble"}
     assert started(sys.executable, "-c", code, **chosen).stdout == "None\n"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.without_message_packages import environment_without, installed_files
 
-from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.base.resources import InstalledInterfaces
 from rosidl_py_gen.wheels.environment import installed_packages
 
 SEEN = """
@@ -32,7 +32,7 @@ def test_an_environment_without_message_packages_has_everything_else_in_each_pro
     monkeypatch.setenv("ROSIDL_TEST_CACHE", str(tmp_path / "cache"))
     venv.EnvBuilder(symlinks=sys.platform != "win32").create(tmp_path / "env")
     site = Path(sysconfig.get_path("purelib", vars={"base": str(tmp_path / "env")}))
-    for name, group in (("process_fake_msgs", ENTRY_POINTS), ("fake_tool", "other.group")):
+    for name, group in (("process_fake_msgs", InstalledInterfaces.ENTRY_POINTS), ("fake_tool", "other.group")):
         (site / name).mkdir()
         (site / name / "__init__.py").touch()
         info = site / f"{name}-1.0.dist-info"
@@ -47,7 +47,9 @@ def test_an_environment_without_message_packages_has_everything_else_in_each_pro
     assert python == environment_without(tmp_path / "env", hidden), "it is made once"
 
     def seen(program: Path) -> str:
-        return subprocess.run([program, "-c", SEEN, ENTRY_POINTS], capture_output=True, text=True, check=True).stdout
+        return subprocess.run(
+            [program, "-c", SEEN, InstalledInterfaces.ENTRY_POINTS], capture_output=True, text=True, check=True
+        ).stdout
 
     (original,) = [path for path in (tmp_path / "env/bin/python", tmp_path / "env/Scripts/python.exe") if path.exists()]
     assert seen(original) == "['process_fake_msgs', 'fake_tool'] ['process_fake_msgs']\n"

@@ -36,7 +36,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.runtime.transport.api import BackendMissingError, DiscoveryRange, DomainSettings, TransportError
 from rosidl_py_gen.runtime.transport.qos import DDS_POLICIES, Policy
 
@@ -665,7 +665,7 @@ def security_advice() -> str:
 def install_advice() -> str:
     """Return the command that installs libddsc, or other advice for people on this system."""
     if has_wheel():
-        return install_command("node")
+        return Extra("node").install_command()
     if library_wheel() is not None:
         return LIBRARY_COMMAND
     name_one = f"name a libddsc in {LIBRARY_VARIABLE}"

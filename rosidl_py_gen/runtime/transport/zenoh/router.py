@@ -9,7 +9,7 @@ import socket
 from typing import TYPE_CHECKING
 from weakref import WeakSet
 
-from rosidl_py_gen.base.resources import require_modules
+from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.runtime.transport.api import TransportError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class ZenohRouter:
         connect: Sequence[str] = (),
         log: str = "",
     ) -> None:
-        require_modules("zenoh")  # not at import: the class must be importable without Zenoh
+        Extra.require_modules("zenoh")  # not at import: the class must be importable without Zenoh
         import zenoh
 
         from rosidl_py_gen.runtime.transport.zenoh.participant import (

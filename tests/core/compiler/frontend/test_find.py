@@ -10,8 +10,7 @@ import pytest
 from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.base.resources import GENERATED_HEADER
-from rosidl_py_gen.compiler.frontend import search_path
+from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
@@ -327,8 +326,8 @@ def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: py
         "prefix/share/plain_msgs/package.xml": manifest("plain_msgs"),
         "other/x/package.xml": manifest("x_msgs"),
         "other/x/msg/Here.msg": "",
-        "generated/made_msgs/msg/__init__.py": f"{GENERATED_HEADER}. Do not edit.\n",
-        "generated/made_msgs/__init__.py": f"{GENERATED_HEADER}. Do not edit.\n",
+        "generated/made_msgs/msg/__init__.py": f"{GeneratedCode.HEADER}. Do not edit.\n",
+        "generated/made_msgs/__init__.py": f"{GeneratedCode.HEADER}. Do not edit.\n",
     }
     monkeypatch.chdir(write(tmp_path, files))
     monkeypatch.syspath_prepend(tmp_path / "generated")
@@ -428,5 +427,5 @@ def test_index_of_ros_packages_that_cannot_be_reached_is_not_searched(
 ) -> None:
     expected = scan_search_path().packages.keys()
     (tmp_path / "loop").symlink_to("loop")
-    monkeypatch.setattr(search_path, "ros_package_index", lambda: str(tmp_path / "loop" / "index"))
+    monkeypatch.setattr(InstalledInterfaces, "ros_index", lambda: str(tmp_path / "loop" / "index"))
     assert scan_search_path().packages.keys() == expected

@@ -8,7 +8,7 @@ import pytest
 from each_case import each_case
 from support.interface_packages import message, parse, read
 
-from rosidl_py_gen.base.names import PACKAGE_NAME
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import (
     CONSTANT_NAME,
     FIELD_NAME,
@@ -310,7 +310,7 @@ NAMES = [
 def test_legal_names_of_each_kind_of_definition_element(
     text: str, lower: bool, constant: bool, interface: bool
 ) -> None:
-    assert PACKAGE_NAME.allows(text) == FIELD_NAME.allows(text) == lower
+    assert RosName.PACKAGE_RULE.allows(text) == FIELD_NAME.allows(text) == lower
     assert CONSTANT_NAME.allows(text) == constant
     assert is_interface_name(text) == interface
 

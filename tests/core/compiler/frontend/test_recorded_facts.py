@@ -9,8 +9,8 @@ import pytest
 from each_case import each_case
 from support.interface_packages import TEST_INTERFACES, VECTORS
 
-from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.model import MessageDef
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -33,7 +33,7 @@ TURTLESIM = {
 
 @pytest.fixture(scope="module")
 def library() -> InterfaceRegistry:
-    return InterfaceRegistry(scan_search_path([TEST_INTERFACES, interfaces_dir()], ament="", bundled=False))
+    return InterfaceRegistry(scan_search_path([TEST_INTERFACES, DataFolders.interfaces()], ament="", bundled=False))
 
 
 SECTION_NAMES = {"msg": [""], "srv": ["request", "response"], "action": ["goal", "result", "feedback"]}
@@ -66,7 +66,7 @@ def qualified(kind: str, package: str) -> str:
 
 @each_case("name", FACTS)
 def test_definition_has_the_recorded_fields_and_constants(library: InterfaceRegistry, name: str) -> None:
-    interface = library.interface(split_ros_name(name))
+    interface = library.interface(RosName.parse(name))
     assert interface is not None, library.diagnostics.items
     recorded = FACTS[name]
     names = SECTION_NAMES[name.split("/")[1]]

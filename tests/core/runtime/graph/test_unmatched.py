@@ -13,7 +13,7 @@ from support.inner_state import participant_of
 from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_action
-from rosidl_py_gen.base.names import similar_name
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.runtime import ActionTimeoutError, CallTimeoutError, QoSProfile, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE, DEFAULT, SENSOR_DATA
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
@@ -149,9 +149,10 @@ async def test_timeout_text_about_many_or_hostile_peers_is_short(
 def test_similar_name_suggests_other_namespace_or_spelling() -> None:
     known = ["/robot_1/front/scan", "/r1/scan", "/map", "/"]
     for name, hint in (("/scan", "/r1/scan"), ("/r2/map", "/map"), ("/mop", "/map"), ("/r1/scam", "/r1/scan")):
-        assert similar_name(name, known) == f'; did you mean "{hint}"?'
-    assert similar_name("/odometry", known) == similar_name("/", known) == ""
-    assert similar_name("/x" * 10_000, ["/x" * 10_000 + str(number) for number in range(100)]) != ""
+        assert did_you_mean(name, known, in_namespaces=True) == f'; did you mean "{hint}"?'
+    assert did_you_mean("/odometry", known, in_namespaces=True) == did_you_mean("/", known, in_namespaces=True) == ""
+    long = ["/x" * 10_000 + str(number) for number in range(100)]
+    assert did_you_mean("/x" * 10_000, long, in_namespaces=True) != ""
 
 
 def test_suggested_qos_preset_matches_all_peers() -> None:

@@ -10,7 +10,7 @@ from support import raw_endpoints
 from support.announced_types import fresh, teller, told_by
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import TypeDescriptionError
@@ -65,7 +65,7 @@ async def test_impossible_type_description_is_refused(memory: World, what: str) 
     absurd(description, what)
     answer = GetTypeDescription_Response(successful=True, type_description=from_dict(TypeDescription, description))
     robot = teller(memory, "robot", lambda request: answer)
-    honest.announce(robot, "rt/t", announced=rihs01(description))
+    honest.announce(robot, "rt/t", announced=TypeDescriptions.rihs01(description))
     with pytest.raises(TypeDescriptionError, match=f"^the description of {honest.name} by /robot cannot be used"):
         await memory.node("asker").resolve_type("t", timeout_s=20)
 

@@ -14,7 +14,7 @@ from support.folders import TESTS
 from support.rosidl_deviations import compare_or_explain
 from support.rosidl_oracle import Definition, Rosidl, compare_world, ours
 
-from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.resources import DataFolders
 
 GOLDEN = TESTS / "golden" / "interfaces"
 
@@ -29,7 +29,7 @@ def _files(*folders: Path) -> list[Definition]:
 
 
 def test_rosidl_agrees_about_every_interface_of_the_checkout(rosidl: Rosidl) -> None:
-    definitions = _files(interfaces_dir(), INTERFACES)
+    definitions = _files(DataFolders.interfaces(), INTERFACES)
     assert len(definitions) > 230
     assert "types" in compare_world(rosidl, definitions)
 
