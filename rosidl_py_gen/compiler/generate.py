@@ -28,7 +28,7 @@ from rosidl_py_gen.base.resources import (
     is_generated,
 )
 from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, package_sources
-from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, is_absent
+from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces
 from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (
     InterfaceRegistry,
@@ -37,7 +37,7 @@ from rosidl_py_gen.compiler.frontend.registry import (
     select_valid_names,
     sorted_diagnostics,
 )
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, OutputError, display_path
 
 
@@ -182,8 +182,9 @@ def load_distribution(distro: str) -> tuple[InterfaceRegistry, list[RosName]]:
         UnknownDistributionError: the definitions of `distro` are not bundled.
     """
     distro = selected(distro).name
-    registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
-    return registry, [name for name in names if not is_absent(name, distro)]
+    bundled = BundledInterfaces.of(distro)
+    registry, names = load(SearchPath.scan(ament="", distro=distro), [*bundled.packages])
+    return registry, [name for name in names if not bundled.is_absent(name)]
 
 
 def _read(
@@ -288,7 +289,7 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
 
     The function takes the full name of a type and returns the module whose class has the same definition, else None.
     """
-    bundled = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
+    bundled = InterfaceRegistry(SearchPath.scan([interfaces_dir()], ament="", bundled=False))
 
     @cache
     def find_module(full_name: str) -> str | None:
@@ -305,7 +306,7 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
 
 def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
-    search = scan_search_path([interfaces_dir()], ament="", bundled=False)
+    search = SearchPath.scan([interfaces_dir()], ament="", bundled=False)
     result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=MSGS_PACKAGE)
     table = {
         "hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES))),
@@ -319,7 +320,7 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
 
 def generate_pregenerated(folder: Path) -> GenerationResult:
     """Generate the bundled interfaces for a wheel as the package `PREGENERATED_PACKAGE`."""
-    search = scan_search_path([interfaces_dir()], ament="", bundled=False)
+    search = SearchPath.scan([interfaces_dir()], ament="", bundled=False)
     result = generate(search, [], folder, root=PREGENERATED_PACKAGE)
     (folder / "__init__.py").write_text(
         f'{GENERATED_HEADER}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8"

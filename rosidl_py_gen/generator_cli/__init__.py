@@ -87,9 +87,9 @@ def _search(paths: tuple[str, ...]) -> SearchPath:
     """Return the search path of a command, from ``--path`` before and after its name, folders of the project, and
     defaults.
     """
-    from rosidl_py_gen.compiler.frontend import scan_search_path
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
-    return scan_search_path(_all_paths(paths))
+    return SearchPath.scan(_all_paths(paths))
 
 
 def _all_paths(paths: tuple[str, ...]) -> tuple[str, ...]:

@@ -23,9 +23,9 @@ from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
+    SearchPath,
     registry_from_descriptions,
     registry_from_text,
-    scan_search_path,
 )
 from rosidl_py_gen.compiler.generate import load, load_distribution
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
@@ -168,7 +168,7 @@ def load_sources(
 
 
 def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
-    search = scan_search_path([folder, *paths])
+    search = SearchPath.scan([folder, *paths])
     own = sorted(name for name, package in search.packages.items() if package.origin == folder)
     registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
     names = [name for name in names if name.package in own]
@@ -183,7 +183,7 @@ def _from_distribution(distro: str) -> LoadedDefinitions:
 def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:
     """Return the definitions of a git revision in `folder`, with locations as ``main:src/my_msgs/msg/Wheel.msg:3``."""
     if folder is None:
-        search = scan_search_path([*paths])
+        search = SearchPath.scan([*paths])
         return LoadedDefinitions(DefinitionSet(), search, notes)
     prefixes = sorted({str(folder), display_path(folder)}, key=len, reverse=True)
 
@@ -222,7 +222,7 @@ def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
                 found = bag.definition(channel)
                 text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
                 name = split_ros_name(channel.type_name, "msg")
-                search = search or scan_search_path()  # for types that the text of a bag lacks
+                search = search or SearchPath.scan()  # for types that the text of a bag lacks
                 registry = registry_from_text(name, text, search)
             except RosidlError as error:
                 notes.append(f"{path}: skipped {channel.name} [{channel.type_name}]: {error}")

@@ -15,7 +15,7 @@ from stat import S_IMODE, S_ISREG
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
 from rosidl_py_gen.base.folder_trust import make_folder, tree_reason
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.compiler.frontend import Workspace, bundled_packages, inside
+from rosidl_py_gen.compiler.frontend import BundledInterfaces, PackageFiles, Workspace
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
@@ -142,7 +142,7 @@ def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFi
     """
     if os.pathsep in str(prefix):
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
-    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
+    names = {name for distro in DISTRIBUTIONS for name in BundledInterfaces.of(distro).packages}
     names |= {plan.name for plan in plans if f"{INDEX}/rosidl_interfaces/{plan.name}" in plan.files}
     names |= {*COMPANIONS, "rosidl_parser"}
     template = Path(__file__).with_name("sitecustomize_template.py").read_text(encoding="utf-8")
@@ -214,7 +214,7 @@ class _Writer:
         self._made: set[Path] = set()
         if self._state.is_file() and not self._state.is_symlink():
             places = os.fsdecode(self._state.read_bytes()).split("\n")
-            self._old = {place for place in places if inside(place) == place}
+            self._old = {place for place in places if PackageFiles.inside(place) == place}
         elif any(not one.name.startswith(".new-") for one in prefix.iterdir()):
             text = "the folder is not empty, and rosidl-py prefix has not written it"
             raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, inside, read_text
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, PackageFiles, UnreadableError
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.prefix.environment import Executable, is_python_program
 from rosidl_py_gen.type_loading import Install, PackageSetup, workspace_packages
@@ -123,7 +123,7 @@ def console_scripts(
 ) -> list[Executable]:
     """Return the console scripts of a package; calls `problem` with a text for each malformed one."""
     found = []
-    root = inside(setup.folders.get("", "")) or ""
+    root = PackageFiles.inside(setup.folders.get("", "")) or ""
     warning = "" if not package or setup.scripts_folder == f"lib/{package}" else _elsewhere(setup, package)
     for text in filter(str.strip, setup.groups.get(_GROUP, ())):
         if match := _ENTRY.fullmatch(text):
@@ -194,7 +194,7 @@ def of_prefixes(package: str) -> dict[str, Executable]:
 
 def _programs(folder: Path, budget: PackageBudget) -> Iterator[Executable]:
     """Yield files that CMakeLists.txt installs as PROGRAMS, and Python files that it installs into ``lib``."""
-    for one in Install.of_cmake(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget)):
+    for one in Install.of_cmake(folder, CMakeScript.read(folder, budget)):
         is_program = one.kind == "PROGRAMS"
         if is_program or one.destination.startswith("lib/"):
             for name, path in one.files():

@@ -32,7 +32,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.package_repositories import download_note
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.command_support import CommandError, report, terminal_output
-from rosidl_py_gen.compiler.frontend import files_below
+from rosidl_py_gen.compiler.frontend import PackageFiles
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.build import NAME_RULE, Prefix, build_prefix, is_ament_name
@@ -374,7 +374,7 @@ def _file_of_package(package: str, name: str) -> str:
         text = f'no file and no package "{package}"{did_you_mean(package, known)}; searched the workspace'
         raise CommandError(f"{text}, --path and AMENT_PREFIX_PATH")
     share: str = packages.get_package_share_directory(package, print_warning=False)
-    found = {os.path.realpath(os.path.join(share, one)): one for one in reversed(files_below(Path(share)))}
+    found = {os.path.realpath(os.path.join(share, one)): one for one in reversed(PackageFiles(Path(share)).paths())}
     files = sorted(found.values())  # of links to one file, the first
     is_path = os.path.isfile(os.path.join(share, name))
     matching = [name] if is_path else [one for one in files if os.path.basename(one) == name]

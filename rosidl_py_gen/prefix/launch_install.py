@@ -29,7 +29,7 @@ from rosidl_py_gen.base.package_repositories import branch_of
 from rosidl_py_gen.base.resources import extra_requirements
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
+from rosidl_py_gen.compiler.frontend import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
 from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES
@@ -152,7 +152,7 @@ def _install_messages(packages: list[str], sources: dict[str, _PackageSource]) -
     if not packages:
         return
     try:
-        search = scan_search_path(tuple(str(sources[name].folder) for name in packages))
+        search = SearchPath.scan(tuple(str(sources[name].folder) for name in packages))
         made = dict(one.split(" ") for one in environment.install(search, packages))
     except (DefinitionError, OutputError) as error:
         text = str(error.diagnostics[0] if isinstance(error, DefinitionError) else error)

@@ -18,7 +18,7 @@ from threading import Thread
 from typing import IO, Any
 
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import UnreadableError, files_below, note, stamp
+from rosidl_py_gen.compiler.frontend import PackageFiles, ReadPaths
 from rosidl_py_gen.errors import RosidlError, display_path, printable
 from rosidl_py_gen.type_loading import SetupArguments, cached
 
@@ -54,18 +54,17 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
 
     def run() -> Any:
         terminal_output.note(f"note: running {display_path(folder / 'setup.py')}, because {printable(why, 200)}")
-        with suppress(UnreadableError):
-            files_below(folder)  # notes the folders
+        PackageFiles(folder).note_folders()
         result = _record(folder)
         for path in result["read"]:
-            note(path)
+            ReadPaths.note(path)
         return result
 
     variables = sorted(item for item in os.environ.items() if item[0] not in _OF_SHELLS)
     # The values may be secret, so only a digest is stored.
     digest = hashlib.sha256(repr(variables).encode(errors="surrogateescape")).hexdigest()
     settings = ("setup", sys.executable, str(folder), digest)
-    key = folder, digest, stamp(str(folder / "setup.py"))
+    key = folder, digest, ReadPaths.stamp(str(folder / "setup.py"))
     if key not in _results:
         try:
             _results[key] = cached(settings, run)
@@ -75,10 +74,9 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
     if isinstance(result, str):
         raise SetupRunError(result)
     # The caller may be a cached search itself.
-    with suppress(UnreadableError):
-        files_below(folder)
+    PackageFiles(folder).note_folders()
     for path in result["read"]:
-        note(path)
+        ReadPaths.note(path)
     return SetupArguments.of_calls(result["calls"])
 
 

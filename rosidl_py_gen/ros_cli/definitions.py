@@ -14,12 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import (
-    InterfaceRegistry,
-    registry_from_descriptions,
-    scan_search_path,
-    written_messages,
-)
+from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath, registry_from_descriptions, written_messages
 from rosidl_py_gen.errors import InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.type_loading import CachedDescription
 
@@ -32,7 +27,7 @@ if TYPE_CHECKING:
 
 def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
     """Return the names of all types of `kinds` (msg, srv, action), or of all packages if `kinds` is empty."""
-    search = scan_search_path(paths)
+    search = SearchPath.scan(paths)
     names = names_of(search, "", kinds or KINDS)
     return [*map(str, names)] if kinds else sorted({*search.packages, *(name.package for name in names)})
 

@@ -104,12 +104,12 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
 
 def _declared_tests(folder: Path) -> list[str]:
     """Return the paths of tests that CMakeLists.txt declares; [] if it is missing, or a path does not exist."""
-    from rosidl_py_gen.compiler.frontend import CMakeScript, UnreadableError, inside, read_text
+    from rosidl_py_gen.compiler.frontend import CMakeScript, PackageFiles, UnreadableError
 
     try:
-        calls = CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls
+        calls = CMakeScript.read(folder).calls
     except UnreadableError:
         return []
     found = [(words, _TEST_COMMANDS[name]) for name, words in calls if name in _TEST_COMMANDS]
-    declared = [inside(words[at].text) or "" for words, at in found if at < len(words)]
+    declared = [PackageFiles.inside(words[at].text) or "" for words, at in found if at < len(words)]
     return declared if all(path and (folder / path).exists() for path in declared) else []

@@ -17,7 +17,7 @@ from pathlib import Path
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
-from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, read_text
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.type_loading.disk_cache import cached_folder
 from rosidl_py_gen.type_loading.install_rules import Install, entry_names
@@ -69,7 +69,7 @@ def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Itera
     uncertain = ""
     try:
         if (folder / "CMakeLists.txt").is_file():
-            installs += Install.of_cmake(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
+            installs += Install.of_cmake(folder, CMakeScript.read(folder, budget))
     except UnreadableError as error:
         text = f"{name}: what {display_path(folder / 'CMakeLists.txt')} installs is not known: {error}"
         problem(f"{text}; the share folder has all files of the package at their places in the sources")

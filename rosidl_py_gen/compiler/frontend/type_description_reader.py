@@ -30,7 +30,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     section_names,
 )
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
 MAX_TYPES = 500
@@ -101,7 +101,7 @@ def _check_size(name: RosName, individuals: Mapping[str, Description]) -> None:
 
 @cache
 def _implied_packages() -> SearchPath:
-    found = scan_search_path((), ament="")
+    found = SearchPath.scan((), ament="")
     return SearchPath({name: found.packages[name] for name in DERIVED_TYPES_PACKAGES}, [], ["the description"])
 
 

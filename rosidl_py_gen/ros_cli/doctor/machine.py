@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.compiler.frontend import scan_search_path
+from rosidl_py_gen.compiler.frontend import SearchPath
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
@@ -231,7 +231,7 @@ def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
                 WARNING, f"AMENT_PREFIX_PATH names {prefix}, which is not a folder", "source the setup file again"
             )
     try:
-        search = scan_search_path(paths)
+        search = SearchPath.scan(paths)
     except RosidlError as error:
         yield Finding(BROKEN, str(error), "correct --path or AMENT_PREFIX_PATH")
         return

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen.base.project import parse_toml
-from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget, UnreadableError, note, read_text
+from rosidl_py_gen.compiler.frontend import PackageBudget, PackageFiles, ReadPaths, UnreadableError
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.install_rules import Install
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
@@ -122,14 +122,14 @@ class PackageSetup:
             "pyproject.toml": _add_pyproject,
         }
         for name, read in readers.items():
-            note(folder / name)
+            ReadPaths.note(folder / name)
             if not os.path.isfile(folder / name):
                 continue
             try:
-                text = read_text(folder, name)
+                text = PackageFiles(folder).read_text(name)
                 budget.spend(len(text))
                 read(found, text, PackageFolder(folder, budget))
-            except BudgetError as error:  # what other files say remains
+            except PackageBudget.ExceededError as error:  # what other files say remains
                 budget.renew()
                 unknown = [one for one in _INSTALLED if one not in found.uncertain and not found.values.get(one)]
                 found.uncertain |= dict.fromkeys(unknown, str(error))

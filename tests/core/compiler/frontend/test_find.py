@@ -13,7 +13,7 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import GENERATED_HEADER
 from rosidl_py_gen.compiler.frontend import search_path
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import load
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
@@ -25,7 +25,7 @@ def packages(search: SearchPath) -> dict[str, str]:
 
 
 def only(folder: Path) -> SearchPath:
-    return scan_search_path([folder], ament="", bundled=False)
+    return SearchPath.scan([folder], ament="", bundled=False)
 
 
 # --- folders for --path -------------------------------------------------------------------------------------------------
@@ -119,7 +119,7 @@ def test_folder_given_twice_is_searched_once(tmp_path: Path) -> None:
     package = tmp_path / "a_msgs"
     (tmp_path / "link").symlink_to(package)
     for folders in ([package, package], [package, tmp_path], [package, tmp_path / "link"], [tmp_path, f"{tmp_path}/"]):
-        found = scan_search_path(folders, ament="", bundled=False)
+        found = SearchPath.scan(folders, ament="", bundled=False)
         assert found.packages["a_msgs"].folder.samefile(package) and found.hidden == [], folders
 
 
@@ -173,7 +173,7 @@ def test_search_order_is_paths_then_ament_then_bundled(tmp_path: Path, monkeypat
         write(share, {"not_interfaces/package.xml": "<name>x</name>", "Not-A-Package/msg/A.msg": ""})
     prefixes = [str(tmp_path / prefix) for prefix in ("first", "second")]
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([*prefixes, "", "/does/not/exist"]))
-    found = scan_search_path([tmp_path / "one", tmp_path / "two"])
+    found = SearchPath.scan([tmp_path / "one", tmp_path / "two"])
     origins = packages(found)
     assert origins["std_msgs"] == str(tmp_path / "one")
     assert origins["b_msgs"] == str(tmp_path / "two")
@@ -201,7 +201,7 @@ WORLD = {
 
 
 def chosen(folder: Path, *wanted: str) -> set[str]:
-    library = InterfaceRegistry(scan_search_path([write(folder, WORLD)], ament=""))
+    library = InterfaceRegistry(SearchPath.scan([write(folder, WORLD)], ament=""))
     return {str(name) for name in select(library, list(wanted))}
 
 
@@ -332,7 +332,7 @@ def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: py
     }
     monkeypatch.chdir(write(tmp_path, files))
     monkeypatch.syspath_prepend(tmp_path / "generated")
-    search = scan_search_path(["src"], ament="prefix", bundled=False)
+    search = SearchPath.scan(["src"], ament="prefix", bundled=False)
     where = "(searched: src, prefix)"
     reasons = {
         "nowhere_msgs": f"no package {where}",
@@ -410,7 +410,7 @@ def test_a_missing_package_is_reported_once_for_each_file_and_explained_once(tmp
 
 
 def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    search = scan_search_path([write(tmp_path, {"a_msgs/msg/A.msg": "int32 x"})], ament="", bundled=False)
+    search = SearchPath.scan([write(tmp_path, {"a_msgs/msg/A.msg": "int32 x"})], ament="", bundled=False)
     real = os.scandir
 
     def refuse(folder: Path) -> object:
@@ -426,7 +426,7 @@ def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
 def test_index_of_ros_packages_that_cannot_be_reached_is_not_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected = scan_search_path().packages.keys()
+    expected = SearchPath.scan().packages.keys()
     (tmp_path / "loop").symlink_to("loop")
     monkeypatch.setattr(search_path, "ros_package_index", lambda: str(tmp_path / "loop" / "index"))
-    assert scan_search_path().packages.keys() == expected
+    assert SearchPath.scan().packages.keys() == expected
