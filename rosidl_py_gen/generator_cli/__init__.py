@@ -380,14 +380,14 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
     from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
-    from rosidl_py_gen.type_loading import registry_of_generated_class
+    from rosidl_py_gen.type_loading import GeneratedDefinition
 
     top = split_ros_name(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None
     try:
         owner = registry.read_checked(top)
     except TypeNotFoundError:
-        generated = registry_of_generated_class(name)
+        generated = GeneratedDefinition.find(name)
         if generated is None:
             raise
         registry, owner, note = generated

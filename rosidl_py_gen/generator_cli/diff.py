@@ -18,13 +18,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rosidl_py_gen import encode, to_dict, type_description
+from rosidl_py_gen import encode, to_dict
 from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
     SearchPath,
-    registry_from_descriptions,
     registry_from_text,
 )
 from rosidl_py_gen.compiler.generate import load, load_distribution
@@ -41,7 +40,7 @@ from rosidl_py_gen.generator_cli.compare import (
     merge,
     select_names,
 )
-from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES
+from rosidl_py_gen.type_loading import CachedDescription, DescribedType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -332,25 +331,21 @@ def _from_description(type_name: str, answer: Any) -> DefinitionSet:
 
     Raises `SourceError` if they are of another type or too large.
     """
-    if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
-        raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
+    if len(encode(answer)) > CachedDescription.MAX_BYTES:
+        raise SourceError(f"its description has more than {CachedDescription.MAX_BYTES} bytes")
     description = to_dict(answer.type_description)
     name = split_ros_name(type_name)
     if (other := description["type_description"]["type_name"]) != type_name:
         raise SourceError(f"the answer describes another type: {other[:100]}")
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
-    registry = registry_from_descriptions(name, individual_descriptions(description), sources)
+    registry = DescribedType(type_name, individual_descriptions(description), sources).registry()
     if registry.type_hash(type_name) != rihs01(description):
         raise SourceError("the answer describes types that do not belong to it")
     return collect_with_dependencies(registry, registry.owner(name) or name)
 
 
 def _from_class(type_name: str, cls: type[Any]) -> DefinitionSet:
-    name = split_ros_name(type_name)
-    individuals = individual_descriptions(type_description(cls))
-    return collect_with_dependencies(
-        registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name
-    )
+    return collect_with_dependencies(DescribedType.of_class(cls).registry(), split_ros_name(type_name))
 
 
 _DEFAULT = ("data", "code")

@@ -20,7 +20,7 @@ from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
 from rosidl_py_gen.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
-from rosidl_py_gen.type_loading import cached_folder
+from rosidl_py_gen.type_loading import CacheFolder
 
 STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
@@ -108,7 +108,7 @@ def is_ament_name(name: str) -> bool:
 
 def _cached_prefix(searched: Iterable[Path]) -> Path:
     try:
-        return cached_folder("prefix", (sys.executable, *searched))
+        return CacheFolder.create("prefix", (sys.executable, *searched)).path
     except OSError as error:
         raise CommandError(f"the prefix cannot be written: {error.strerror or error}") from error
 

@@ -21,7 +21,6 @@ from rosidl_py_gen.type_loading import Install, PackageSetup, workspace_packages
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend import Workspace
-    from rosidl_py_gen.type_loading import SetupArguments
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
 _GROUP = "console_scripts"
@@ -103,7 +102,7 @@ def read_setup(folder: Path, budget: PackageBudget, runs_setup: bool) -> Package
     return PackageSetup.read(folder, budget, _run_setup_py if runs_setup else None)
 
 
-def _run_setup_py(folder: Path, why: str) -> SetupArguments:
+def _run_setup_py(folder: Path, why: str) -> list[dict[str, object]]:
     # Slow to import, and rarely needed.
     from rosidl_py_gen.prefix.setup_process import run_setup_py
 

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import PackageFiles, ReadPaths, Workspace
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES, roots, variables, workspaces
-from rosidl_py_gen.type_loading import cached, is_usable
+from rosidl_py_gen.type_loading import CacheFolder, cached
 
 
 def set_environment(place: Path, paths: Sequence[str]) -> None:
@@ -63,7 +63,7 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
         return [str(prefix.folder), *prefix.notes]
 
     folder, *notes = cached(("prefix", sys.executable, sys.path, workspaces), build)
-    if not built and not is_usable(Path(folder)):
+    if not built and not CacheFolder(Path(folder)).is_usable():
         # The temporary prefix of another process, or other users have been able to enter the prefix.
         folder, *notes = build()
     for text in notes:

@@ -20,7 +20,7 @@ from typing import IO, Any
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.compiler.frontend import PackageFiles, ReadPaths
 from rosidl_py_gen.errors import RosidlError, display_path, printable
-from rosidl_py_gen.type_loading import SetupArguments, cached
+from rosidl_py_gen.type_loading import cached
 
 TIMEOUT_S = 10.0
 """Maximum run time of a setup.py in seconds, after which its process group is killed."""
@@ -41,7 +41,7 @@ class SetupRunError(RosidlError):
     """Raised if a setup.py has failed, or did not end in time."""
 
 
-def run_setup_py(folder: Path, why: str) -> SetupArguments:
+def run_setup_py(folder: Path, why: str) -> list[dict[str, object]]:
     """Return the arguments of all calls of `setup` in the setup.py of a package, which runs unless a result is cached.
 
     Args:
@@ -77,7 +77,8 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
     PackageFiles(folder).note_folders()
     for path in result["read"]:
         ReadPaths.note(path)
-    return SetupArguments.of_calls(result["calls"])
+    calls: list[dict[str, object]] = result["calls"]
+    return calls
 
 
 def _record(folder: Path) -> Any:

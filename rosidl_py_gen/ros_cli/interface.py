@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -186,15 +186,13 @@ def _example(text: str, paths: tuple[str, ...]) -> Message:
         suffix = _message_suffix(name)
         return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()
     except TypeNotFoundError:
-        from rosidl_py_gen.ros_cli.definitions import cached_registry
-        from rosidl_py_gen.type_loading import class_of_registry
+        from rosidl_py_gen.ros_cli.definitions import find_cached
 
-        cached = cached_registry(text)
+        cached = find_cached(text)
         if cached is None:
             raise
-        library, name = cached
-        cls: Any = class_of_registry(library, name, path=paths)
-        message: Message = (getattr(cls, _message_suffix(name)) if _message_suffix(name) else cls)()
+        cls, suffix = cached.load(paths), _message_suffix(cached.name)
+        message: Message = (getattr(cls, suffix) if suffix else cls)()
         return message
 
 

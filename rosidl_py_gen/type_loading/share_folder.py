@@ -19,7 +19,7 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.type_loading.disk_cache import cached_folder
+from rosidl_py_gen.type_loading.disk_cache import CacheFolder
 from rosidl_py_gen.type_loading.install_rules import Install, entry_names
 from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup, SetupFilesError
 
@@ -51,7 +51,7 @@ def share_folder(
     if is_same:
         return folder
     try:
-        made = cached_folder("share", (folder, *(interfaces or {}).values())) / name
+        made = CacheFolder.create("share", (folder, *(interfaces or {}).values())).path / name
         make_folder(made)
         _link(tree, made, [_MAX_ENTRIES])
     except OSError:  # links are not permitted, as on Windows

@@ -20,7 +20,4 @@ from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry as Interf
 from rosidl_py_gen.compiler.frontend.search_path import Package as Package
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath as SearchPath
 from rosidl_py_gen.compiler.frontend.search_path import Workspace as Workspace
-from rosidl_py_gen.compiler.frontend.type_description_reader import (
-    registry_from_descriptions as registry_from_descriptions,
-)
-from rosidl_py_gen.compiler.frontend.type_description_reader import written_messages as written_messages
+from rosidl_py_gen.compiler.frontend.type_description_reader import DescribedInterface as DescribedInterface

@@ -6,7 +6,7 @@ INI files such as setup.cfg are parsed as `configparser` reads them, in time tha
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -75,7 +75,7 @@ _MAX_TOML = 64 << 10
 _INSTALLED = ("data_files", "entry_points", "scripts", "packages", "py_modules", "package_dir")
 """Arguments of setuptools' `setup` that determine installed files. If one is uncertain, setup.py is run, provided that
 running is allowed."""
-RunSetup = Callable[[Path, str], SetupArguments]
+RunSetup = Callable[[Path, str], Sequence[Mapping[str, object]]]
 """Function that runs the setup.py in a folder, for a reason, and returns its arguments; raises `RosidlError`."""
 
 
@@ -176,7 +176,7 @@ def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageB
     if run is not None and (error is not None or reasons):
         why = str(error) if error is not None else f"{reasons[0][0]} are not known without it: {reasons[0][1]}"
         try:
-            arguments, error = run(folder, why), None
+            arguments, error = SetupArguments.of_calls(run(folder, why)), None
             budget.renew()
         except RosidlError as failure:
             found.problems.append(str(failure))
