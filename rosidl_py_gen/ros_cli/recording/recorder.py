@@ -15,7 +15,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
-from rosidl_py_gen.bags import BagTopic, qos_text, topic_of
+from rosidl_py_gen.bags import BagTopic, OfferedQoS, topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
@@ -306,7 +306,7 @@ class Recorder:
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
         hashes = [one.topic_type_hash for one in self._node.get_publishers_info_by_topic(topic)]
-        return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
+        return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=OfferedQoS(qos).text)
 
     async def _topic_of(self, topic: str, cls: type[Message], qos: Sequence[Any]) -> BagTopic:
         """Return the topic of the bag with its definition, which for a topic of an action is the whole action."""
@@ -322,7 +322,7 @@ class Recorder:
             text = definition_text(action)
             if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
                 raise
-            return BagTopic(topic, type_name(cls), text, type_hash=type_hash(cls), offered_qos=qos_text(qos))
+            return BagTopic(topic, type_name(cls), text, type_hash=type_hash(cls), offered_qos=OfferedQoS(qos).text)
 
 
 def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:
