@@ -31,7 +31,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import RosName, split_ros_name
 from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
-from rosidl_py_gen.compiler.generate import generate, load
+from rosidl_py_gen.compiler.generate import LoadedInterfaces, generate
 
 PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs"]
 BULK = ("Image 1080p", "PointCloud2 1 MB")
@@ -293,7 +293,7 @@ def _pyterfaces(backend: str, message: Message, payload: bytes) -> Pair | None:
 
 
 def _text(name: RosName) -> str:
-    library, _ = load(SearchPath.scan(), [str(name)])
+    library, _ = LoadedInterfaces.load(SearchPath.scan(), [str(name)])
     return DefinitionText(library, name).full
 
 

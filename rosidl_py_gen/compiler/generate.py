@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, selected
 from rosidl_py_gen.base.names import RosName, py_name
@@ -163,28 +164,35 @@ class GenerationResult:
     notes: tuple[Diagnostic, ...] = ()
 
 
-def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Return the checked definitions and names of the wanted packages and interfaces; an empty list means all.
+class LoadedInterfaces(NamedTuple):
+    """Checked definitions of interfaces, and the names of the wanted interfaces."""
 
-    Raises:
-        DefinitionError: definitions have problems; the error lists all of them.
-    """
-    registry, names = _read(search, wanted)
-    if registry.diagnostics.items:
-        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), search.notes(names))
-    return registry, names
+    registry: InterfaceRegistry
+    names: list[RosName]
 
+    @classmethod
+    def load(cls, search: SearchPath, wanted: list[str]) -> LoadedInterfaces:
+        """Return the definitions of the wanted packages and interfaces; an empty list means all.
 
-def load_distribution(distro: str) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Return the checked bundled definitions of a distribution, and the names of the distribution's interfaces.
+        Raises:
+            DefinitionError: definitions have problems; the error lists all of them.
+        """
+        registry, names = _read(search, wanted)
+        if registry.diagnostics.items:
+            raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), search.notes(names))
+        return cls(registry, names)
 
-    Raises:
-        UnknownDistributionError: the definitions of `distro` are not bundled.
-    """
-    distro = selected(distro).name
-    bundled = BundledInterfaces.of(distro)
-    registry, names = load(SearchPath.scan(ament="", distro=distro), [*bundled.packages])
-    return registry, [name for name in names if not bundled.is_absent(name)]
+    @classmethod
+    def of_distribution(cls, distro: str) -> LoadedInterfaces:
+        """Return the bundled definitions of a distribution, and the names of the distribution's interfaces.
+
+        Raises:
+            UnknownDistributionError: the definitions of `distro` are not bundled.
+        """
+        distro = selected(distro).name
+        bundled = BundledInterfaces.of(distro)
+        registry, names = cls.load(SearchPath.scan(ament="", distro=distro), [*bundled.packages])
+        return cls(registry, [name for name in names if not bundled.is_absent(name)])
 
 
 def _read(
@@ -309,7 +317,7 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     search = SearchPath.scan([interfaces_dir()], ament="", bundled=False)
     result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=MSGS_PACKAGE)
     table = {
-        "hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES))),
+        "hashes.py": _hash_table(*LoadedInterfaces.load(search, list(RUNTIME_PACKAGES))),
         "distribution_hashes.py": _distribution_table(),
     }
     changes = plan_changes(folder, table, [])
@@ -332,7 +340,7 @@ def _distribution_table() -> str:
     """Return the source of a module with the hashes of types that differ between distributions."""
     hashes: dict[str, dict[str, list[str]]] = {}
     for distro in DISTRIBUTIONS:
-        registry, names = load_distribution(distro)
+        registry, names = LoadedInterfaces.of_distribution(distro)
         for top in names:
             for name in registry.closure(str(top)):
                 if name == str(top) or name.startswith(f"{top}_"):

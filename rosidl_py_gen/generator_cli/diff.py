@@ -26,7 +26,7 @@ from rosidl_py_gen.compiler.frontend import (
     SearchPath,
     registry_from_text,
 )
-from rosidl_py_gen.compiler.generate import load, load_distribution
+from rosidl_py_gen.compiler.generate import LoadedInterfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
 from rosidl_py_gen.generator_cli import git_revision
 from rosidl_py_gen.generator_cli.command_line import echo, print_json, print_line, split_filter
@@ -169,13 +169,13 @@ def load_sources(
 def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
     search = SearchPath.scan([folder, *paths])
     own = sorted(name for name, package in search.packages.items() if package.origin == folder)
-    registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
+    registry, names = LoadedInterfaces.load(search, own) if own else (InterfaceRegistry(search), [])
     names = [name for name in names if name.package in own]
     return LoadedDefinitions(collect(registry, names), search, [*map(str, search.notes(names))])
 
 
 def _from_distribution(distro: str) -> LoadedDefinitions:
-    registry, names = load_distribution(distro)
+    registry, names = LoadedInterfaces.of_distribution(distro)
     return LoadedDefinitions(collect(registry, names), registry.search)
 
 

@@ -18,7 +18,15 @@ from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.compiler.frontend import BundledInterfaces, PackageFiles, Workspace
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
-from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
+from rosidl_py_gen.prefix.environment import (
+    FIXED,
+    PROGRAMS,
+    SITE_PACKAGES,
+    Executable,
+    folders,
+    of_distribution,
+    variables,
+)
 from rosidl_py_gen.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
 from rosidl_py_gen.type_loading import CacheFolder
 
@@ -55,6 +63,11 @@ class Prefix:
     unsafe: str
     created: int
     removed: int
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Environment variables for a process that uses the prefix; variables with lists keep their current entries."""
+        return variables(self.folder)
 
 
 def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, runs_setup: bool = False) -> Prefix:

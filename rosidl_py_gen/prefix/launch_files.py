@@ -36,7 +36,7 @@ from rosidl_py_gen.compiler.frontend import PackageFiles
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.build import NAME_RULE, Prefix, build_prefix, is_ament_name
-from rosidl_py_gen.prefix.environment import SITE_PACKAGES, make_importable, roots, variables, workspaces
+from rosidl_py_gen.prefix.environment import SITE_PACKAGES, make_importable, roots, workspaces
 from rosidl_py_gen.prefix.launch_packages import install_command_of, install_note
 
 _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
@@ -341,7 +341,7 @@ def start(
     if problems := (*prefix.problems, *prefix.notes):
         more = f" ({len(problems)} such problems; rosidl-py prefix prints all)" if problems[1:] else ""
         terminal_output.note(f"warning: {problems[0]}{more}")
-    os.environ.update(variables(prefix.folder))
+    os.environ.update(prefix.variables)
     for name, folder in (*_PIP_FOLDERS, ("PATH", os.path.dirname(sys.executable))):
         os.environ[name] += f"{os.pathsep}{folder}" if folder else ""
     sys.path.append(str(prefix.folder / SITE_PACKAGES))

@@ -35,7 +35,6 @@ from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES
 from rosidl_py_gen.prefix.launch_packages import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, repository_of
 from rosidl_py_gen.prefix.package_plan import PROGRAM, PackagePlan
-from rosidl_py_gen.wheels import environment
 from rosidl_py_gen.wheels.build import read_manifest
 from rosidl_py_gen.wheels.environment import Installer
 
@@ -153,7 +152,7 @@ def _install_messages(packages: list[str], sources: dict[str, _PackageSource]) -
         return
     try:
         search = SearchPath.scan(tuple(str(sources[name].folder) for name in packages))
-        made = dict(one.split(" ") for one in environment.install(search, packages))
+        made = dict(one.split(" ") for one in Installer.install_packages(search, packages))
     except (DefinitionError, OutputError) as error:
         text = str(error.diagnostics[0] if isinstance(error, DefinitionError) else error)
         terminal_output.note(f"warning: the messages {', '.join(packages)} are not installed: {' '.join(text.split())}")

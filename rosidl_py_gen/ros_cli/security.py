@@ -120,9 +120,9 @@ def create_permission(root: Path, name: str, policy_file: str, as_json: bool) ->
     rosidl-py security create_permission keystore /talker policy.xml
     """
     from rosidl_py_gen.base.names import did_you_mean
-    from rosidl_py_gen.security import SecurityPolicy, check_enclave_name
+    from rosidl_py_gen.security import PolicyEnclave, SecurityPolicy
 
-    check_enclave_name(name)
+    PolicyEnclave.check_name(name)
     domain_id = _domain_id()
     _keystore(root).require()
     policy = SecurityPolicy.read(policy_file)

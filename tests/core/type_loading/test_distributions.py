@@ -24,7 +24,7 @@ from rosidl_py_gen.base.distributions import DISTRIBUTIONS, distribution_of_comm
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces, files_below
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
-from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.generate import LoadedInterfaces
 from rosidl_py_gen.type_loading.class_lookup import definition_origin, distribution_definitions, find_class
 
 # Computed by rosidl's own tools from the files of the distributions (docs/internals/protocol.md 1.9).
@@ -64,7 +64,7 @@ def test_definition_of_a_distribution_has_the_hash_computed_by_rosidl(name: str,
 @pytest.mark.parametrize("distro", DISTRIBUTIONS)
 def test_every_definition_of_a_distribution_is_valid(distro: str) -> None:
     search = SearchPath.scan(ament="", distro=distro)
-    _, names = load(search, [])
+    _, names = LoadedInterfaces.load(search, [])
     assert len(names) == sum(len(package.files) for package in search.packages.values())
 
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.base.resources import GENERATED_HEADER
 from rosidl_py_gen.compiler.frontend import search_path
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
-from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.generate import LoadedInterfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 POINT = {"a_msgs/msg/Point.msg": "float64 x"}
@@ -97,15 +97,15 @@ def test_interface_packages_in_ignored_folders_are_not_found(tmp_path: Path, mar
 )
 def test_folder_without_a_usable_package_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
     with pytest.raises(DefinitionError) as caught:
-        load(only(write(tmp_path, files)), [])
+        LoadedInterfaces.load(only(write(tmp_path, files)), [])
     assert text in str(caught.value)
 
 
 def test_package_with_an_illegal_name_is_an_error_only_if_it_is_selected(tmp_path: Path) -> None:
     found = only(write(tmp_path, {**POINT, "2bad/msg/A.msg": ""}))
-    assert [str(name) for name in load(found, ["a_msgs"])[1]] == ["a_msgs/msg/Point"]
+    assert [str(name) for name in LoadedInterfaces.load(found, ["a_msgs"])[1]] == ["a_msgs/msg/Point"]
     with pytest.raises(DefinitionError, match="is not a legal package name"):
-        load(found, ["2bad"])
+        LoadedInterfaces.load(found, ["2bad"])
 
 
 def test_two_packages_of_one_name_in_one_search_path_entry_are_refused(tmp_path: Path) -> None:
@@ -346,7 +346,7 @@ def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: py
     }
     for package, reason in reasons.items():
         with pytest.raises(DefinitionError) as caught:
-            load(search, [package])
+            LoadedInterfaces.load(search, [package])
         assert str(caught.value) == f"{package}: {reason}"
         with pytest.raises(TypeNotFoundError) as missing:
             InterfaceRegistry(search).read_checked(RosName(package, "msg", "A"))
@@ -369,7 +369,7 @@ def test_search_for_the_reason_of_a_missing_package_is_bounded(tmp_path: Path, m
     scan = os.scandir
     monkeypatch.setattr(os, "scandir", lambda place: visited.append(str(place)) or scan(place))
     with pytest.raises(DefinitionError, match="no package"):
-        load(SearchPath({}), ["x_msgs"])
+        LoadedInterfaces.load(SearchPath({}), ["x_msgs"])
     assert len(visited) < 100
 
 
