@@ -30,8 +30,8 @@ from rosidl_py_gen import Message, to_dict, type_name
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.compiler.generate import generate, load
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+from rosidl_py_gen.compiler.generate import LoadedInterfaces, generate
 
 PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs"]
 BULK = ("Image 1080p", "PointCloud2 1 MB")
@@ -293,7 +293,7 @@ def _pyterfaces(backend: str, message: Message, payload: bytes) -> Pair | None:
 
 
 def _text(name: RosName) -> str:
-    library, _ = load(scan_search_path(), [str(name)])
+    library, _ = LoadedInterfaces.load(SearchPath.scan(), [str(name)])
     return DefinitionText(library, name).full
 
 
@@ -367,7 +367,7 @@ def main() -> None:
         if arguments.generation:
             generation(folder)
             return
-        generate(scan_search_path(), PACKAGES, folder)
+        generate(SearchPath.scan(), PACKAGES, folder)
         sys.path.insert(0, name)
         start = time.perf_counter()
         peers = available_peers()

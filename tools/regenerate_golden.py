@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import generate
 
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "golden"
@@ -21,7 +21,7 @@ PACKAGES = ("odd_msgs", "other_msgs")
 
 def fresh(folder: Path) -> dict[str, str]:
     """Generate into an empty folder; relative path -> text of the packages that are kept."""
-    generate(scan_search_path([GOLDEN / "interfaces"], ament=""), list(PACKAGES), folder)
+    generate(SearchPath.scan([GOLDEN / "interfaces"], ament=""), list(PACKAGES), folder)
     return texts(folder)
 
 

@@ -16,11 +16,8 @@ from rosidl_py_gen.bags.writer import SqliteWriter as SqliteWriter
 from rosidl_py_gen.bags.common import DurableFile as DurableFile
 from rosidl_py_gen.bags.definition_lookup import described as described
 from rosidl_py_gen.bags.definition_lookup import mismatch_reason as mismatch_reason
-from rosidl_py_gen.bags.metadata import qos_profiles as qos_profiles
-from rosidl_py_gen.bags.metadata import qos_text as qos_text
-from rosidl_py_gen.bags.remote import has_colons_in_names as has_colons_in_names
-from rosidl_py_gen.bags.remote import is_url as is_url
-from rosidl_py_gen.bags.remote import unreachable_as_error as unreachable_as_error
+from rosidl_py_gen.bags.metadata import OfferedQoS as OfferedQoS
+from rosidl_py_gen.bags.remote import BagLocation as BagLocation
 from rosidl_py_gen.bags.rewriting import BagCopy as BagCopy
 from rosidl_py_gen.bags.rewriting import SourceBag as SourceBag
 from rosidl_py_gen.bags.rewriting import reindex as reindex

@@ -27,7 +27,7 @@ from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.codec import encoded_length
-from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, HEADER_BYTES, NETWORK_ALIGN
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, NETWORK_ALIGN, Header
 from rosidl_py_gen.cdr.structured_arrays import varying_field
 from rosidl_py_gen.errors import (
     DecodeError,
@@ -251,8 +251,8 @@ def is_empty(data: bytes | memoryview) -> bool:
     """Return True if the CDR data can be a message without fields, which has one zero byte, perhaps with padding, after
     the header.
     """
-    size = len(data) - HEADER_BYTES
-    return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[HEADER_BYTES:])
+    size = len(data) - Header.SIZE
+    return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[Header.SIZE :])
 
 
 def _compiled(topic: BagTopic) -> type[Any]:
@@ -324,9 +324,9 @@ def trailing_bytes(cls: type[Message], data: bytes | memoryview) -> str:
     """
     size = len(data)
     if not cls._TYPE.fields:
-        return "" if size == HEADER_BYTES or is_empty(data) else f"{size} bytes of a message without fields"
+        return "" if size == Header.SIZE or is_empty(data) else f"{size} bytes of a message without fields"
     rest = size - encoded_length(cls, data)
-    if not rest or (rest < NETWORK_ALIGN and not (size - HEADER_BYTES) % NETWORK_ALIGN):
+    if not rest or (rest < NETWORK_ALIGN and not (size - Header.SIZE) % NETWORK_ALIGN):
         return ""
     return f"{rest} of {size} bytes of a message are after its last field"
 
@@ -385,7 +385,7 @@ def _decode_empty(cls: type[Any], data: bytes | memoryview) -> Any:
 
     ROS writes one byte for it and other writers write none, so a missing byte is added.
     """
-    return cls.decode(bytes(data) + b"\0" if len(data) == HEADER_BYTES else data)
+    return cls.decode(bytes(data) + b"\0" if len(data) == Header.SIZE else data)
 
 
 def _class_of_schema(name: str, definition: bytes) -> type[Any]:

@@ -248,9 +248,24 @@ def write_metadata(folder: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def qos_text(profiles: Iterable[QoSProfile]) -> str:
-    """Return QoS profiles in the YAML format of rosbag2."""
-    return yaml.safe_dump([_profile_row(profile) for profile in profiles], sort_keys=False)
+class OfferedQoS(list[QoSProfile]):
+    """QoS profiles that the publishers of a topic offer, which bags store as YAML."""
+
+    @property
+    def text(self) -> str:
+        """The profiles in the YAML format of rosbag2."""
+        return yaml.safe_dump([_profile_row(profile) for profile in self], sort_keys=False)
+
+    @classmethod
+    def parse(cls, text: str) -> OfferedQoS:
+        """Return the profiles that a bag stores for a topic; none if the text cannot be read.
+
+        Policies may be stored as numbers or as names. A policy that is not stored has its default.
+        """
+        try:
+            return cls(_parse_profile(row) for row in YamlText(text, max_bytes=_MAX_QOS_BYTES).load() or ())
+        except Exception:  # the same as in `read_metadata`
+            return cls()
 
 
 def _profile_row(profile: QoSProfile) -> dict[str, Any]:
@@ -263,17 +278,6 @@ def _profile_row(profile: QoSProfile) -> dict[str, Any]:
 
 def _time(nanoseconds: int) -> dict[str, int]:
     return dict(zip(("sec", "nsec"), sec_nanosec(nanoseconds), strict=True))
-
-
-def qos_profiles(text: str) -> list[QoSProfile]:
-    """Return the QoS profiles that a bag stores for a topic as YAML; [] if the text cannot be read.
-
-    Policies may be stored as numbers or as names. A policy that is not stored has its default.
-    """
-    try:
-        return [_parse_profile(row) for row in YamlText(text, max_bytes=_MAX_QOS_BYTES).load() or ()]
-    except Exception:  # the same as in `read_metadata`
-        return []
 
 
 def _parse_profile(row: Any) -> QoSProfile:

@@ -33,26 +33,44 @@ _WRAPPING = {"zip", "tar", "libarchive", "simplecache", "filecache", "blockcache
 """Protocols of fsspec that wrap another URL, which follows after ``::``."""
 
 
-def is_url(location: str) -> bool:
-    """Return True if the location of a bag is a URL, which fsspec opens, and not a local path."""
-    return _URL.match(location) is not None
+class BagLocation:
+    """Location of a bag or of tables: a local path, or a URL, which fsspec opens."""
 
+    def __init__(self, location: object) -> None:
+        self._text = str(location)
 
-def has_colons_in_names(url: str) -> bool:
-    """Return True if ``::`` in the URL of a bag belongs to a file name.
+    @property
+    def is_url(self) -> bool:
+        """True if the location is a URL, not a local path."""
+        return _URL.match(self._text) is not None
 
-    The package fsspec would take the colons as a separator between two URLs.
-    """
-    first, separator, rest = url.partition("::")
-    protocol, is_one, _ = first.partition("://")
-    return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
+    @property
+    def has_colons_in_names(self) -> bool:
+        """True if ``::`` in the URL belongs to a file name.
+
+        The package fsspec would take the colons as a separator between two URLs.
+        """
+        first, separator, rest = self._text.partition("::")
+        protocol, is_one, _ = first.partition("://")
+        return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
+
+    @contextmanager
+    def unreachable_as_error(self) -> Iterator[None]:
+        """Raise exceptions of remote file systems as `BagUnreachableError`; `OSError` and `RosidlError` pass."""
+        try:
+            yield
+        except (RosidlError, OSError, MemoryError):
+            raise
+        except Exception as error:
+            text = f"{self._text}: {type(error).__name__}: {str(error)[:300]}"
+            raise BagUnreachableError(text) from None
 
 
 def bag_path(path: str | os.PathLike[str]) -> Path:
     """Return the path object for a bag's local path or URL; raises `BagError` if no package supports the protocol."""
-    if isinstance(path, os.PathLike) or not is_url(path):
+    if isinstance(path, os.PathLike) or not (location := BagLocation(path)).is_url:
         return Path(path)
-    if path.startswith("file://") and has_colons_in_names(path):  # which universal_pathlib cannot take
+    if path.startswith("file://") and location.has_colons_in_names:  # which universal_pathlib cannot take
         return Path(path.removeprefix("file://"))
     try:
         from upath import UPath
@@ -60,24 +78,13 @@ def bag_path(path: str | os.PathLike[str]) -> Path:
         raise Extra.missing_error(missing) or missing from None
     try:
         # Of a URL with such a name, universal_pathlib would show what is before it; joined, it is read or refused.
-        root = path[: path.rfind("/", 0, path.index("::"))] if has_colons_in_names(path) else path
+        root = path[: path.rfind("/", 0, path.index("::"))] if location.has_colons_in_names else path
         url_path = UPath(root)
         _ = url_path.fs
         url_path = url_path.joinpath(path[len(root) + 1 :]) if root != path else url_path
     except (ImportError, ValueError) as error:  # no package for this protocol, no such protocol
         raise BagError(f"{path}: {error}") from None
     return cast("Path", url_path)
-
-
-@contextmanager
-def unreachable_as_error(location: object) -> Iterator[None]:
-    """Raise exceptions of remote file systems as `BagUnreachableError`; `OSError` and `RosidlError` pass unchanged."""
-    try:
-        yield
-    except (RosidlError, OSError, MemoryError):
-        raise
-    except Exception as error:
-        raise BagUnreachableError(f"{location}: {type(error).__name__}: {str(error)[:300]}") from None
 
 
 def opened(path: Path) -> IO[bytes]:
@@ -90,7 +97,7 @@ class _RangeFile:
 
     def __init__(self, path: Any) -> None:
         self._path = path
-        with unreachable_as_error(path):
+        with BagLocation(path).unreachable_as_error():
             self._stream = path.open("rb", block_size=_READ_AHEAD_BYTES, cache_type="readahead")
 
     def read(self, size: int = -1) -> bytes:
@@ -113,7 +120,7 @@ def local_copy(path: Path, folder: Path) -> Path:
     """
     if isinstance(path, Path):
         return path
-    with unreachable_as_error(path):
+    with BagLocation(path).unreachable_as_error():
         size, room = path.stat().st_size, shutil.disk_usage(folder).free // 2
         if size > room:
             raise BagError(f"{path}: has {size} bytes; expected at most {room}, half of the free space in {folder}")

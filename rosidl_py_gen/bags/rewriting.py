@@ -25,9 +25,8 @@ from rosidl_py_gen.bags.definition_lookup import has_definition
 from rosidl_py_gen.bags.metadata import (
     FILE,
     FileStatistics,
+    OfferedQoS,
     metadata_text,
-    qos_profiles,
-    qos_text,
     read_metadata,
     recorder_data,
     write_metadata,
@@ -243,15 +242,15 @@ class BagCopy:
         for key, group in groups.items():
             by_profiles: dict[str, str] = {}  # releases write one profile differently
             for text in (one.offered_qos for one in group if one.offered_qos):
-                by_profiles.setdefault(repr(qos_profiles(text) or text), text)
+                by_profiles.setdefault(repr(OfferedQoS.parse(text) or text), text)
             texts = [*by_profiles.values()]
             hashes = [text for text in dict.fromkeys(one.type_hash for one in group) if text]
             qos = texts[0] if texts else ""
             if len(texts) > 1:  # all profiles, as in a bag that `ros2 bag convert` writes
-                profiles = {text: qos_profiles(text) for text in texts}
+                profiles = {text: OfferedQoS.parse(text) for text in texts}
                 readable = [text for text in texts if profiles[text]]
                 self.omitted["qos_profiles"] += len(texts) - max(1, len(readable))
-                qos = qos_text([one for text in readable for one in profiles[text]]) if readable else qos
+                qos = OfferedQoS([one for text in readable for one in profiles[text]]).text if readable else qos
             self.omitted["type_hashes"] += max(0, len(hashes) - 1)
             merged[key] = replace(group[0], offered_qos=qos, type_hash=hashes[0] if hashes else "")
         return [{key: merged[target.key] for key, target in each.items()} for each in targets]
@@ -283,7 +282,7 @@ def _joined(targets: list[dict[tuple[object, ...], BagTopic]]) -> list[dict[tupl
         for channel_key, target in each.items():
             definition = target.key, target.definition_bytes
             known_hash = target.type_hash or hashes.get(definition, "")
-            qos = qos_profiles(target.offered_qos) or target.offered_qos  # releases write one profile differently
+            qos = OfferedQoS.parse(target.offered_qos) or target.offered_qos  # releases write one profile differently
             others = {key: text for key, text in (target.metadata or {}).items() if key not in (OFFERED_QOS, TYPE_HASH)}
             key = definition, known_hash, repr(qos), tuple(sorted(others.items()))
             channels[channel_key] = first.setdefault(key, replace(target, type_hash=known_hash))

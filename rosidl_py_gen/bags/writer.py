@@ -26,7 +26,7 @@ from rosidl_py_gen.bags.common import (
     require_printable,
 )
 from rosidl_py_gen.bags.definition_lookup import definition_of, same_definition
-from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, qos_text, write_metadata
+from rosidl_py_gen.bags.metadata import FileStatistics, OfferedQoS, metadata_text, write_metadata
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX
 from rosidl_py_gen.bags.storage.mcap_output import McapOutput
 from rosidl_py_gen.bags.storage.mcap_records import COMPRESSIONS
@@ -72,9 +72,11 @@ def topic_of(topic: str, msg_type: type[Message] | BagTopic, qos: Sequence[QoSPr
     """
     if isinstance(msg_type, BagTopic):
         renamed = msg_type if msg_type.name == topic else replace(msg_type, name=topic)
-        return replace(renamed, offered_qos=qos_text(qos)) if qos else renamed
+        return replace(renamed, offered_qos=OfferedQoS(qos).text) if qos else renamed
     definition = definition_of(msg_type)
-    return BagTopic(topic, type_name(msg_type), *definition, type_hash=type_hash(msg_type), offered_qos=qos_text(qos))
+    return BagTopic(
+        topic, type_name(msg_type), *definition, type_hash=type_hash(msg_type), offered_qos=OfferedQoS(qos).text
+    )
 
 
 class SplittingWriter:

@@ -20,11 +20,10 @@ from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
     COUNT_CODE,
     EMPTY_MESSAGE,
-    HEADER_BYTES,
     MAX_COUNT,
     MAX_WSTRING_UNIT,
     WSTRING_UNIT_BYTES,
-    align_offset,
+    Header,
     min_element_size,
 )
 from rosidl_py_gen.cdr.message import Field, Message, is_of_type, require_message
@@ -163,7 +162,7 @@ def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | Non
     reader = _open(name, data, copy, arrays)
     message = reader.message(cls, name)
     if error is not None and reader.order == "<":
-        raise DecodeError(name, HEADER_BYTES, f"cannot be decoded: {error}") from error
+        raise DecodeError(name, Header.SIZE, f"cannot be decoded: {error}") from error
     return message
 
 
@@ -183,7 +182,7 @@ def _open(name: str, data: Readable, copy: bool, arrays: bool) -> _CdrReader:
         raw, view = readable(data, copy)
     except TypeError as error:
         raise DecodeError(name, 0, str(error)) from None
-    if len(raw) < HEADER_BYTES:
+    if len(raw) < Header.SIZE:
         raise DecodeError(name, len(raw), f"expected a 4-byte encapsulation header, found {len(raw)} bytes")
     if raw[0] != 0 or raw[1] > 1:
         raise DecodeError(name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(raw[:2]).hex()}")
@@ -198,14 +197,14 @@ class _CdrReader:
         self.view = view
         self.order: Literal["<", ">"] = ">" if big_endian else "<"
         self.arrays = arrays
-        self.pos = HEADER_BYTES
+        self.pos = Header.SIZE
 
     def take(self, size: int, align: int, path: str, what: str) -> int:
         """Skip the padding before a value and the `size` bytes of the value, and return the offset of the value.
 
         Raises `DecodeError` if the data ends before; `what` is the name of the value in the error text.
         """
-        start = align_offset(self.pos, align)
+        start = Header.align(self.pos, align)
         left = max(0, len(self.data) - start)
         if size > left:
             raise DecodeError(path, start, f"expected {size} bytes of {what}, found {left}")

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, short_repr
 from rosidl_py_gen.cdr.codec import validate
 from rosidl_py_gen.cdr.message import Field, Message, require_message
-from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
+from rosidl_py_gen.cdr.structured_arrays import StructuredCodec
 from rosidl_py_gen.errors import EncodeError
 
 M = TypeVar("M", bound=Message)
@@ -47,7 +47,7 @@ def _plain_message(message: Message) -> dict[str, Any]:
 def _plain(value: Any, field: Field) -> Any:
     if field.cls is not None:
         if isinstance(value, np.ndarray):
-            codec = find_structured_codec(field.cls)
+            codec = StructuredCodec.find(field.cls)
             if codec is None:
                 raise TypeError(f"{field.cls._TYPE.name} is not of fixed size")
             value = codec.to_messages(value)

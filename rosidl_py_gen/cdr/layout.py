@@ -27,11 +27,6 @@ if TYPE_CHECKING:
 
 Position = TypeVar("Position", int, "NDArray[np.int64]")
 
-HEADER = b"\x00\x01\x00\x00"
-"""Encapsulation header of little-endian data. Bit 0 of the second byte is the byte order; the rest are options."""
-HEADER_BYTES = 4
-HEADER_VALUE = 0x0100
-"""Value of the first two bytes of the encapsulation header as a little-endian `H`."""
 MAX_ALIGN = 8
 """Largest alignment of any value in CDR; positions that are equal modulo 8 are laid out alike."""
 COUNT_BYTES = 4
@@ -51,17 +46,27 @@ PADDING = {align: tuple(bytes(-position % align) for position in range(align)) f
 """Padding bytes before a value, by the alignment of the value, then by ``position & align - 1``."""
 
 
+class Header:
+    """Encapsulation header of little-endian data."""
+
+    BYTES = b"\x00\x01\x00\x00"
+    """The header. Bit 0 of its second byte is the byte order; the last two bytes are options."""
+    SIZE = 4
+    VALUE = 0x0100
+    """Value of the first two bytes as a little-endian `H`."""
+
+    @staticmethod
+    def align(offset: Position, align: int) -> Position:
+        """Return the first aligned offset at or after an offset into CDR data.
+
+        Alignment counts from the end of the header, offsets count from its start.
+        """
+        return offset + (Header.SIZE - offset & align - 1)
+
+
 def align_up(position: Position, align: int) -> Position:
     """Return the first multiple of `align`, a power of two, at or after a position; element by element for an array."""
     return position + (-position & align - 1)
-
-
-def align_offset(offset: Position, align: int) -> Position:
-    """Return the first aligned offset at or after an offset into CDR data.
-
-    Alignment counts from the end of the 4-byte header, offsets count from its start.
-    """
-    return offset + (HEADER_BYTES - offset & align - 1)
 
 
 def element_alignment(kind: FieldType) -> int:

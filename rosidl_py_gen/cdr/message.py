@@ -12,7 +12,7 @@ from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.arrays import FieldValueError
-from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
+from rosidl_py_gen.cdr.structured_arrays import StructuredCodec
 from rosidl_py_gen.errors import TypeNotFoundError
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ def _equal(left: Any, right: Any, field: Field) -> bool:
 
 def _equal_records(left: Any, right: Any, field: Field) -> bool:
     """Return True if two sequences of messages, at least one of them a structured array, have equal elements."""
-    codec = find_structured_codec(field.cls) if field.cls is not None else None
+    codec = StructuredCodec.find(field.cls) if field.cls is not None else None
     if codec is None:
         return False  # a wrong value, for which encoding raises
     if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
@@ -225,7 +225,7 @@ def _value_repr(value: Any, field: Field | None = None) -> str:
 
 
 def _leading_messages(value: Any, cls: type[Message]) -> list[Message] | None:
-    codec = find_structured_codec(cls)
+    codec = StructuredCodec.find(cls)
     try:
         return codec.to_messages(value[:_MAX_REPR_ELEMENTS]) if codec is not None else None
     except (FieldValueError, IndexError):

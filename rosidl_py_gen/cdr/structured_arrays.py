@@ -23,15 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, ParamSpec, TypeAlias
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, cast_array
-from rosidl_py_gen.cdr.layout import (
-    EMPTY_MESSAGE,
-    HEADER,
-    HEADER_BYTES,
-    MAX_ALIGN,
-    align_offset,
-    align_up,
-    element_alignment,
-)
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, MAX_ALIGN, Header, align_up, element_alignment
 from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
@@ -285,12 +277,20 @@ class StructuredCodec:
 
     # --- reading ------------------------------------------------------------------------------------------------------
 
+    @classmethod
+    def find(cls, message: type[Message]) -> StructuredCodec | None:
+        """Return the codec of a message class; None if messages vary in size or are too large for numpy."""
+        try:
+            return None if varying_field(message) else structured_codec(message)
+        except FieldValueError:
+            return None
+
     def element_range(self, pos: int, count: int) -> tuple[int, int]:
         """Return the offsets of the first byte and after the last byte of `count` >= 1 elements of a sequence, which
         follow the offset `pos`.
         """
-        begin = align_up(pos - HEADER_BYTES, self.align)
-        return begin + HEADER_BYTES, sequence_end_offset(self.cls, begin, count) + HEADER_BYTES
+        begin = align_up(pos - Header.SIZE, self.align)
+        return begin + Header.SIZE, sequence_end_offset(self.cls, begin, count) + Header.SIZE
 
     def read(self, data: Buffer, pos: int, count: int) -> tuple[Array, int]:
         """Return `count` elements of a sequence, which follow the offset `pos`, and the offset after the elements.
@@ -300,8 +300,8 @@ class StructuredCodec:
         """
         if not count:
             return self.empty, pos
-        begin = align_offset(pos, self.align)
-        in_place = self.plain and (begin - HEADER_BYTES - self.phase) % self.largest == 0
+        begin = Header.align(pos, self.align)
+        in_place = self.plain and (begin - Header.SIZE - self.phase) % self.largest == 0
         if in_place:
             end = begin + count * self.stride
         else:
@@ -320,7 +320,7 @@ class StructuredCodec:
         else:
             values = np.zeros(count, dtype)
             memory = values.view(DTYPES["B"]).reshape(count, dtype.itemsize)
-            self._copy(data, begin, begin - HEADER_BYTES, memory, inward=True)
+            self._copy(data, begin, begin - Header.SIZE, memory, inward=True)
             values.flags.writeable = isinstance(data, bytearray)
         for path in self.bools:
             values = _with_true_bools(values, path)
@@ -330,7 +330,7 @@ class StructuredCodec:
         return values
 
     def _can_view(self, data: Buffer, begin: int, count: int) -> bool:
-        if not self.exact or (begin - HEADER_BYTES - self.phase) % self.largest:
+        if not self.exact or (begin - Header.SIZE - self.phase) % self.largest:
             return False
         # The last element has no padding: numpy must neither read beyond the data nor write into the bytes after it.
         return self.size == self.stride or (type(data) is not bytearray and begin + count * self.stride <= len(data))
@@ -408,15 +408,15 @@ class StructuredCodec:
         raw = b"".join([_encoded(message, index) for index, message in enumerate(values)])
         array = np.zeros(len(values), self.dtype)
         size = end_offset(self.cls, 0)
-        self._copy_rows(raw, HEADER_BYTES, 0, HEADER_BYTES + size, self._rows(array), True)
+        self._copy_rows(raw, Header.SIZE, 0, Header.SIZE + size, self._rows(array), True)
         return array
 
     def to_messages(self, values: Array) -> list[Any]:
         """Return one message for each element of an array; arrays inside the messages are copies."""
         values = self.to_wire_dtype(values)
-        size = HEADER_BYTES + end_offset(self.cls, 0)
-        raw = bytearray(HEADER.ljust(size, b"\0") * len(values))
-        self._copy_rows(raw, HEADER_BYTES, 0, size, self._rows(values), False)
+        size = Header.SIZE + end_offset(self.cls, 0)
+        raw = bytearray(Header.BYTES.ljust(size, b"\0") * len(values))
+        self._copy_rows(raw, Header.SIZE, 0, size, self._rows(values), False)
         decode, data = self.cls._decode, bytes(raw)
         copy = _has_arrays(self.dtype)
         return [decode(data[at : at + size], copy) for at in range(0, len(data), size)]
@@ -440,14 +440,6 @@ def _encoded(message: Message, index: int) -> bytes:
 
 
 structured_codec = cached_per_class(StructuredCodec)
-
-
-def find_structured_codec(cls: type[Message]) -> StructuredCodec | None:
-    """Return the codec for structured arrays of a class; None if messages vary in size or are too large for numpy."""
-    try:
-        return None if varying_field(cls) else structured_codec(cls)
-    except FieldValueError:
-        return None
 
 
 def read_records(cls: type[Message], data: Buffer, pos: int, count: int) -> tuple[Any, int]:

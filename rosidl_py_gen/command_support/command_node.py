@@ -18,7 +18,7 @@ from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime import Context
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterator
+    from collections.abc import Callable, Coroutine, Iterable, Iterator
 
     from typing_extensions import Self
 
@@ -45,6 +45,7 @@ DEFAULT_FIND_TIMEOUT_S = 5.0
 
 
 _SEND_GOAL, _SEND_GOAL_TYPE = "/_action/send_goal", "_SendGoal"
+_FEEDBACK, _FEEDBACK_TYPE = "/_action/feedback", "_FeedbackMessage"
 _LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
 """Name after the node's name, and type, of a service by which nodes with parameters are found."""
 _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
@@ -65,11 +66,6 @@ class NetworkOptions(TypedDict, total=False):
     spin_time_s: float | None
     context: Context
     failure: Exception
-
-
-def now_s() -> float:
-    """Return the time of the running event loop in seconds; tests replace it by virtual time."""
-    return asyncio.get_running_loop().time()
 
 
 async def first_of(*coroutines: Coroutine[Any, Any, object]) -> None:
@@ -124,7 +120,7 @@ class CommandNode:
         failure = network.get("failure")
         if failure is not None:
             raise failure
-        self._start_s = now_s()
+        self._start_s = self.now_s()
         self.context = network.pop("context") if "context" in network else _listen(network)
         options = {**_MINIMAL_NODE_OPTIONS, **node_options}
         try:
@@ -134,6 +130,11 @@ class CommandNode:
         except BaseException:
             self.context.close()
             raise
+
+    @staticmethod
+    def now_s() -> float:
+        """Return the time of the running event loop in seconds; tests replace it by virtual time."""
+        return asyncio.get_running_loop().time()
 
     async def __aenter__(self) -> Self:
         self.context.on_incompatible_endpoint = self._note_incompatible
@@ -155,10 +156,10 @@ class CommandNode:
         Without any other node the wait takes 1 s. ``--spin-time`` replaces all of these times.
         """
         if self._spin_time_s is not None:
-            await asyncio.sleep(self._start_s + self._spin_time_s - now_s())
+            await asyncio.sleep(self._start_s + self._spin_time_s - self.now_s())
             return
         # Time in which this process was busy does not count: no peer is discovered then.
-        listened_s = min(now_s() - self._start_s, _MIN_DISCOVERY_S)
+        listened_s = min(self.now_s() - self._start_s, _MIN_DISCOVERY_S)
         last_change_s, has_changed = listened_s, False
 
         async def watch() -> None:
@@ -263,12 +264,30 @@ class CommandNode:
             case "service":
                 return [name for name, _ in self.node.get_service_names_and_types()]
             case "action":  # both its topics and its services
-                from rosidl_py_gen.command_support.graph_lookup import actions
-
                 services = dict(self.node.get_service_names_and_types())
-                known = actions(self.node.get_topic_names_and_types())
+                known = self.actions(self.node.get_topic_names_and_types())
                 return [name for name, _ in known if name + _SEND_GOAL in services]
         return self.node.get_node_names()
+
+    @staticmethod
+    def is_hidden(name: str) -> bool:
+        """Return True for a topic or service that ROS tools hide: a part of its name begins with an underscore."""
+        return "/_" in name
+
+    @staticmethod
+    def is_hidden_node(name: str) -> bool:
+        """Return True for the full name of a node that ROS tools hide, because its name begins with an underscore."""
+        return name.rpartition("/")[2].startswith("_")
+
+    @staticmethod
+    def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str]]]:
+        """Return names and types of the actions among topics, found by their feedback topics as in ``ros2 action``."""
+        ends = len(_FEEDBACK_TYPE)
+        return [
+            (name.removesuffix(_FEEDBACK), [one[:-ends] for one in types if one.endswith(_FEEDBACK_TYPE)])
+            for name, types in topics
+            if name.endswith(_FEEDBACK)
+        ]
 
     def announced_types(self, kind: str, name: str) -> list[str]:
         """Return the types that nodes announce for a topic, service or action (`kind`)."""
@@ -291,14 +310,12 @@ class CommandNode:
 
     def nodes_serving(self, ending: str, type_name: str, *, hidden: bool) -> list[str]:
         """Return the sorted full names of nodes that serve the service ``NODE`` + `ending` of type `type_name`."""
-        from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
-
         names = [
             name.removesuffix(ending)
             for name, types in self.node.get_service_names_and_types()
             if name.endswith(ending) and type_name in types and self.has_server(name)
         ]
-        return [name for name in names if hidden or not is_hidden_node(name)]
+        return [name for name in names if hidden or not self.is_hidden_node(name)]
 
     def nodes_with_parameters(self, *, hidden: bool) -> list[str]:
         """Return the sorted full names of nodes whose parameters other nodes can request."""

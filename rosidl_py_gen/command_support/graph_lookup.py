@@ -1,4 +1,4 @@
-"""Names and types in the ROS graph: hidden names, actions, classes.
+"""Classes of the types in the ROS graph.
 
 A type that a node announces is resolved by the command's node, which compares hashes and requests unknown definitions
 from peers. Any other type must be in the folders of ``--path``, in AMENT_PREFIX_PATH, or bundled.
@@ -17,43 +17,9 @@ from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.type_loading import load_compiler
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Iterable, Sequence
+    from collections.abc import Awaitable, Sequence
 
     from rosidl_py_gen.command_support.command_node import CommandNode
-
-_FEEDBACK, _FEEDBACK_TYPE = "/_action/feedback", "_FeedbackMessage"
-
-
-# --------------------------------------------------------------------------------------------------------------- topics
-
-
-def is_hidden(name: str) -> bool:
-    """Return True for a topic or service that ROS tools hide: a part of its name begins with an underscore."""
-    return "/_" in name
-
-
-# ---------------------------------------------------------------------------------------------------------------- nodes
-
-
-def is_hidden_node(name: str) -> bool:
-    """Return True for the full name of a node that ROS tools hide, because its name begins with an underscore."""
-    return name.rpartition("/")[2].startswith("_")
-
-
-# -------------------------------------------------------------------------------------------------------------- actions
-
-
-def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str]]]:
-    """Return names and types of the actions among topics, found by their feedback topics as in ``ros2 action``."""
-    ends = len(_FEEDBACK_TYPE)
-    return [
-        (name.removesuffix(_FEEDBACK), [one[:-ends] for one in types if one.endswith(_FEEDBACK_TYPE)])
-        for name, types in topics
-        if name.endswith(_FEEDBACK)
-    ]
-
-
-# -------------------------------------------------------------------------------------------------------------- classes
 
 T = TypeVar("T")
 _DESCRIPTION_TIMEOUT_S = 10.0

@@ -17,12 +17,13 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import DataFolders, GeneratedCode
 from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, package_sources
-from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, is_absent
+from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces
 from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (
     InterfaceRegistry,
@@ -31,7 +32,7 @@ from rosidl_py_gen.compiler.frontend.registry import (
     select_valid_names,
     sorted_diagnostics,
 )
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, OutputError, display_path
 
 
@@ -157,27 +158,35 @@ class GenerationResult:
     notes: tuple[Diagnostic, ...] = ()
 
 
-def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Return the checked definitions and names of the wanted packages and interfaces; an empty list means all.
+class LoadedInterfaces(NamedTuple):
+    """Checked definitions of interfaces, and the names of the wanted interfaces."""
 
-    Raises:
-        DefinitionError: definitions have problems; the error lists all of them.
-    """
-    registry, names = _read(search, wanted)
-    if registry.diagnostics.items:
-        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), search.notes(names))
-    return registry, names
+    registry: InterfaceRegistry
+    names: list[RosName]
 
+    @classmethod
+    def load(cls, search: SearchPath, wanted: list[str]) -> LoadedInterfaces:
+        """Return the definitions of the wanted packages and interfaces; an empty list means all.
 
-def load_distribution(distro: str) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Return the checked bundled definitions of a distribution, and the names of the distribution's interfaces.
+        Raises:
+            DefinitionError: definitions have problems; the error lists all of them.
+        """
+        registry, names = _read(search, wanted)
+        if registry.diagnostics.items:
+            raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), search.notes(names))
+        return cls(registry, names)
 
-    Raises:
-        UnknownDistributionError: the definitions of `distro` are not bundled.
-    """
-    distro = Distribution.selected(distro).name
-    registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
-    return registry, [name for name in names if not is_absent(name, distro)]
+    @classmethod
+    def of_distribution(cls, distro: str) -> LoadedInterfaces:
+        """Return the bundled definitions of a distribution, and the names of the distribution's interfaces.
+
+        Raises:
+            UnknownDistributionError: the definitions of `distro` are not bundled.
+        """
+        distro = Distribution.selected(distro).name
+        bundled = BundledInterfaces.of(distro)
+        registry, names = cls.load(SearchPath.scan(ament="", distro=distro), [*bundled.packages])
+        return cls(registry, [name for name in names if not bundled.is_absent(name)])
 
 
 def _read(
@@ -282,7 +291,7 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
 
     The function takes the full name of a type and returns the module whose class has the same definition, else None.
     """
-    bundled = InterfaceRegistry(scan_search_path([DataFolders.interfaces()], ament="", bundled=False))
+    bundled = InterfaceRegistry(SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False))
 
     @cache
     def find_module(full_name: str) -> str | None:
@@ -299,10 +308,10 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
 
 def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
-    search = scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
+    search = SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False)
     result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=GeneratedCode.RUNTIME_PREFIX)
     table = {
-        "hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES))),
+        "hashes.py": _hash_table(*LoadedInterfaces.load(search, list(RUNTIME_PACKAGES))),
         "distribution_hashes.py": _distribution_table(),
     }
     changes = plan_changes(folder, table, [])
@@ -313,7 +322,7 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
 
 def generate_pregenerated(folder: Path) -> GenerationResult:
     """Generate the bundled interfaces for a wheel below `GeneratedCode.BUNDLED_PREFIX`."""
-    search = scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
+    search = SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False)
     result = generate(search, [], folder, root=GeneratedCode.BUNDLED_PREFIX)
     (folder / "__init__.py").write_text(
         f'{GeneratedCode.HEADER}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8"
@@ -325,7 +334,7 @@ def _distribution_table() -> str:
     """Return the source of a module with the hashes of types that differ between distributions."""
     hashes: dict[str, dict[str, list[str]]] = {}
     for distro in Distribution.BUNDLED:
-        registry, names = load_distribution(distro)
+        registry, names = LoadedInterfaces.of_distribution(distro)
         for top in names:
             for name in registry.closure(str(top)):
                 if name == str(top) or name.startswith(f"{top}_"):

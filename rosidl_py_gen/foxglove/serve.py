@@ -16,7 +16,6 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of
-from rosidl_py_gen.command_support.graph_lookup import is_hidden, is_hidden_node
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.foxglove.protocol import Graph
 from rosidl_py_gen.foxglove.server import FoxgloveOptions, Handlers, Server
@@ -50,7 +49,7 @@ def connection_graph(node: Node, *, hidden: bool) -> Graph:
         )
         for nodes_by_name, names in zip(graph, names_of_node, strict=True):
             for name, _ in names:
-                if hidden or not is_hidden(name):
+                if hidden or not CommandNode.is_hidden(name):
                     nodes_by_name.setdefault(name, []).append(info.fully_qualified_name)
     return graph
 
@@ -60,7 +59,7 @@ def _is_shown(info: NodeInfo, hidden: bool) -> bool:
         validate_full_name(info.fully_qualified_name)
     except InvalidNameError:
         return False
-    return hidden or not is_hidden_node(info.fully_qualified_name)
+    return hidden or not CommandNode.is_hidden_node(info.fully_qualified_name)
 
 
 _APP = "https://app.foxglove.dev"
@@ -85,11 +84,11 @@ def addresses(host: str, port: int, token: str) -> tuple[str, str]:
     return address, f"{_APP}?ds=foxglove-websocket&ds.url={quote(here, safe='')}"
 
 
-async def serve(network: NetworkOptions, options: FoxgloveOptions) -> None:
-    """Run the Foxglove server until cancelled."""
+async def serve(network: NetworkOptions, **options: Any) -> None:
+    """Run the Foxglove server with the options in `FoxgloveOptions` until cancelled."""
     async with CommandNode(network) as command_node:
         await command_node.wait_for_discovery()
-        view = _View(command_node, options)
+        view = _View(command_node, FoxgloveOptions(**options))
         try:
             await view.show()
         finally:

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
-from rosidl_py_gen.command_support.graph_lookup import is_hidden, is_hidden_node
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
@@ -57,7 +56,7 @@ class ServiceBridge:
             {
                 (name, kinds[0])
                 for name, kinds in self._command_node.node.get_service_names_and_types()
-                if (self._hidden or not is_hidden(name)) and self._command_node.has_server(name)
+                if (self._hidden or not self._command_node.is_hidden(name)) and self._command_node.has_server(name)
             }
         )
 
@@ -151,7 +150,7 @@ class ParameterBridge:
             return
         current = set(self._command_node.nodes_with_parameters(hidden=True))
         self._values = {node: values for node, values in self._values.items() if node in current}
-        self._queries.update([node for node in current if not is_hidden_node(node)])
+        self._queries.update([node for node in current if not self._command_node.is_hidden_node(node)])
 
     async def _query(self, node: str) -> None:
         async with self._queries.limiter:

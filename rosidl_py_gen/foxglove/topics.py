@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen import Message, compile_definition, encode, get_message, type_hash
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
-from rosidl_py_gen.command_support.graph_lookup import is_hidden
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.foxglove import limits
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
@@ -91,7 +90,7 @@ class TopicBridge:
         return {
             _Key(topic, one.topic_type)
             for topic, _ in self._node.get_topic_names_and_types()
-            if self._hidden or not is_hidden(topic)
+            if self._hidden or not self._command_node.is_hidden(topic)
             for one in self._others(topic)
         }
 

@@ -37,7 +37,6 @@ from rosidl_py_gen.generator_cli.command_line import (
     print_problems,
     rows,
     split_filter,
-    usage_error_text,
 )
 
 if TYPE_CHECKING:
@@ -87,9 +86,9 @@ def _search(paths: tuple[str, ...]) -> SearchPath:
     """Return the search path of a command, from ``--path`` before and after its name, folders of the project, and
     defaults.
     """
-    from rosidl_py_gen.compiler.frontend import scan_search_path
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
-    return scan_search_path(_all_paths(paths))
+    return SearchPath.scan(_all_paths(paths))
 
 
 def _all_paths(paths: tuple[str, ...]) -> tuple[str, ...]:
@@ -216,13 +215,13 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> None:
     """Install or uninstall (`action`) message packages in this Python environment, and print their names."""
-    from rosidl_py_gen.wheels import environment
+    from rosidl_py_gen.wheels.environment import Installer
 
     wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
     if action == "uninstall":
-        changed = environment.uninstall(wanted, force=force)
+        changed = Installer.uninstall_packages(wanted, force=force)
     else:
-        changed = environment.install(_search(paths), wanted, force=force)
+        changed = Installer.install_packages(_search(paths), wanted, force=force)
     if not as_json:
         place = f"{'into' if action == 'install' else 'from'} {sys.prefix}: "
         echo(f"{action}ed {place if changed else ''}{', '.join(changed) or 'nothing'}")
@@ -355,10 +354,10 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
 
     NAMES are packages or interfaces. [default: IDL_PACKAGE_FILTER, else all packages]
     """
-    from rosidl_py_gen.compiler.generate import load
+    from rosidl_py_gen.compiler.generate import LoadedInterfaces
 
     search = _search(paths)
-    _, found = load(search, [*names] or split_filter(_group_option("selection", "")))
+    _, found = LoadedInterfaces.load(search, [*names] or split_filter(_group_option("selection", "")))
     notes = search.notes(found)
     packages = sorted({name.package for name in found})
     if as_json or _group_option("as_json", False):
@@ -380,14 +379,14 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
     from rosidl_py_gen.compiler.frontend import DefinitionText, InterfaceRegistry
-    from rosidl_py_gen.type_loading import registry_of_generated_class
+    from rosidl_py_gen.type_loading import GeneratedDefinition
 
     top = RosName.parse(name, "msg")
     registry, generated = InterfaceRegistry(_search(paths)), None
     try:
         owner = registry.read_checked(top)
     except TypeNotFoundError:
-        generated = registry_of_generated_class(name)
+        generated = GeneratedDefinition.find(name)
         if generated is None:
             raise
         registry, owner, note = generated
@@ -556,7 +555,7 @@ def _main(arguments: list[str] | None) -> None:
         _report(RosidlError(f"{place}{error.strerror or error}"), as_json)
         sys.exit(1)
     except click.ClickException as wrong:
-        echo(usage_error_text(wrong), err=True)
+        echo(HintedUsageError.text_of(wrong), err=True)
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
         echo("interrupted; all written files are complete", err=True)

@@ -39,20 +39,20 @@ class HintedUsageError(click.UsageError):
         super().__init__(message, ctx)
         self.hint = hint
 
+    @staticmethod
+    def text_of(error: click.ClickException) -> str:
+        """Return an error of click in the form of all errors: lines ``error: COMMAND: text`` and ``hint: text``.
 
-def usage_error_text(error: click.ClickException) -> str:
-    """Return an error of click in the form of all errors: a line ``error: COMMAND: text`` and a line ``hint: text``.
-
-    A command that was called without arguments has its help instead.
-    """
-    context = getattr(error, "ctx", None)
-    if context is None:
-        return f"error: {_message(error)}"
-    if type(error).__name__ == "NoArgsIsHelpError":  # click 8.2 and later
-        return str(context.get_help())
-    usage = " ".join((context.command_path, *context.command.collect_usage_pieces(context)))
-    hint = getattr(error, "hint", f"expected `{usage}`; --help explains it")
-    return f"error: {context.command_path}: {_message(error)}\nhint: {hint}"
+        A command that was called without arguments has its help instead.
+        """
+        context = getattr(error, "ctx", None)
+        if context is None:
+            return f"error: {_message(error)}"
+        if type(error).__name__ == "NoArgsIsHelpError":  # click 8.2 and later
+            return str(context.get_help())
+        usage = " ".join((context.command_path, *context.command.collect_usage_pieces(context)))
+        hint = getattr(error, "hint", f"expected `{usage}`; --help explains it")
+        return f"error: {context.command_path}: {_message(error)}\nhint: {hint}"
 
 
 def _message(error: click.ClickException) -> str:

@@ -18,16 +18,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rosidl_py_gen import encode, to_dict, type_description
+from rosidl_py_gen import encode, to_dict
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend import (
     InterfaceRegistry,
-    registry_from_descriptions,
+    SearchPath,
     registry_from_text,
-    scan_search_path,
 )
-from rosidl_py_gen.compiler.generate import load, load_distribution
+from rosidl_py_gen.compiler.generate import LoadedInterfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path, printable
 from rosidl_py_gen.generator_cli import git_revision
 from rosidl_py_gen.generator_cli.command_line import echo, print_json, print_line, split_filter
@@ -41,7 +40,7 @@ from rosidl_py_gen.generator_cli.compare import (
     merge,
     select_names,
 )
-from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES
+from rosidl_py_gen.type_loading import CachedDescription, DescribedType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -168,22 +167,22 @@ def load_sources(
 
 
 def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
-    search = scan_search_path([folder, *paths])
+    search = SearchPath.scan([folder, *paths])
     own = sorted(name for name, package in search.packages.items() if package.origin == folder)
-    registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
+    registry, names = LoadedInterfaces.load(search, own) if own else (InterfaceRegistry(search), [])
     names = [name for name in names if name.package in own]
     return LoadedDefinitions(collect(registry, names), search, [*map(str, search.notes(names))])
 
 
 def _from_distribution(distro: str) -> LoadedDefinitions:
-    registry, names = load_distribution(distro)
+    registry, names = LoadedInterfaces.of_distribution(distro)
     return LoadedDefinitions(collect(registry, names), registry.search)
 
 
 def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:
     """Return the definitions of a git revision in `folder`, with locations as ``main:src/my_msgs/msg/Wheel.msg:3``."""
     if folder is None:
-        search = scan_search_path([*paths])
+        search = SearchPath.scan([*paths])
         return LoadedDefinitions(DefinitionSet(), search, notes)
     prefixes = sorted({str(folder), display_path(folder)}, key=len, reverse=True)
 
@@ -222,7 +221,7 @@ def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
                 found = bag.definition(channel)
                 text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
                 name = RosName.parse(channel.type_name, "msg")
-                search = search or scan_search_path()  # for types that the text of a bag lacks
+                search = search or SearchPath.scan()  # for types that the text of a bag lacks
                 registry = registry_from_text(name, text, search)
             except RosidlError as error:
                 notes.append(f"{path}: skipped {channel.name} [{channel.type_name}]: {error}")
@@ -332,25 +331,21 @@ def _from_description(type_name: str, answer: Any) -> DefinitionSet:
 
     Raises `SourceError` if they are of another type or too large.
     """
-    if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
-        raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
+    if len(encode(answer)) > CachedDescription.MAX_BYTES:
+        raise SourceError(f"its description has more than {CachedDescription.MAX_BYTES} bytes")
     description = to_dict(answer.type_description)
     name = RosName.parse(type_name)
     if (other := description["type_description"]["type_name"]) != type_name:
         raise SourceError(f"the answer describes another type: {other[:100]}")
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
-    registry = registry_from_descriptions(name, TypeDescriptions.individuals(description), sources)
+    registry = DescribedType(type_name, TypeDescriptions.individuals(description), sources).registry()
     if registry.type_hash(type_name) != TypeDescriptions.rihs01(description):
         raise SourceError("the answer describes types that do not belong to it")
     return collect_with_dependencies(registry, registry.owner(name) or name)
 
 
 def _from_class(type_name: str, cls: type[Any]) -> DefinitionSet:
-    name = RosName.parse(type_name)
-    individuals = TypeDescriptions.individuals(type_description(cls))
-    return collect_with_dependencies(
-        registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name
-    )
+    return collect_with_dependencies(DescribedType.of_class(cls).registry(), RosName.parse(type_name))
 
 
 _DEFAULT = ("data", "code")

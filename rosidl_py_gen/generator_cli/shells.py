@@ -238,7 +238,7 @@ def complete_selection(ctx: click.Context, incomplete: str) -> list[CompletionIt
 
 
 def _packages(ctx: click.Context) -> list[Package]:
-    from rosidl_py_gen.compiler.frontend import scan_search_path
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
     above = ctx.parent.params.get("paths") if ctx.parent else None
-    return list(scan_search_path((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())
+    return list(SearchPath.scan((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())

@@ -15,12 +15,20 @@ from stat import S_IMODE, S_ISREG
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.folder_trust import make_folder, tree_reason
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.compiler.frontend import Workspace, bundled_packages, inside
+from rosidl_py_gen.compiler.frontend import BundledInterfaces, PackageFiles, Workspace
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
-from rosidl_py_gen.prefix.environment import FIXED, PROGRAMS, SITE_PACKAGES, Executable, folders, of_distribution
+from rosidl_py_gen.prefix.environment import (
+    FIXED,
+    PROGRAMS,
+    SITE_PACKAGES,
+    Executable,
+    folders,
+    of_distribution,
+    variables,
+)
 from rosidl_py_gen.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
-from rosidl_py_gen.type_loading import cached_folder
+from rosidl_py_gen.type_loading import CacheFolder
 
 STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
@@ -55,6 +63,11 @@ class Prefix:
     unsafe: str
     created: int
     removed: int
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Environment variables for a process that uses the prefix; variables with lists keep their current entries."""
+        return variables(self.folder)
 
 
 def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, runs_setup: bool = False) -> Prefix:
@@ -108,7 +121,7 @@ def is_ament_name(name: str) -> bool:
 
 def _cached_prefix(searched: Iterable[Path]) -> Path:
     try:
-        return cached_folder("prefix", (sys.executable, *searched))
+        return CacheFolder.create("prefix", (sys.executable, *searched)).path
     except OSError as error:
         raise CommandError(f"the prefix cannot be written: {error.strerror or error}") from error
 
@@ -142,7 +155,7 @@ def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFi
     """
     if os.pathsep in str(prefix):
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
-    names = {name for distro in Distribution.BUNDLED for name in bundled_packages(distro)}
+    names = {name for distro in Distribution.BUNDLED for name in BundledInterfaces.of(distro).packages}
     names |= {plan.name for plan in plans if f"{INDEX}/rosidl_interfaces/{plan.name}" in plan.files}
     names |= {*COMPANIONS, "rosidl_parser"}
     template = Path(__file__).with_name("sitecustomize_template.py").read_text(encoding="utf-8")
@@ -214,7 +227,7 @@ class _Writer:
         self._made: set[Path] = set()
         if self._state.is_file() and not self._state.is_symlink():
             places = os.fsdecode(self._state.read_bytes()).split("\n")
-            self._old = {place for place in places if inside(place) == place}
+            self._old = {place for place in places if PackageFiles.inside(place) == place}
         elif any(not one.name.startswith(".new-") for one in prefix.iterdir()):
             text = "the folder is not empty, and rosidl-py prefix has not written it"
             raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")

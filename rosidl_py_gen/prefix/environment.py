@@ -16,7 +16,7 @@ from pathlib import Path
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import Workspace, package_around
+from rosidl_py_gen.compiler.frontend import Workspace
 from rosidl_py_gen.type_loading import ImportHookWarning, install_import_hook, workspace_packages
 
 _RUN_FUNCTION = """from {module} import {first}
@@ -157,9 +157,9 @@ def _workspace_folder(place: Path) -> Path:
     `place`.
     """
     here = Path.cwd()
-    package = package_around(place)
+    package = Workspace.package_around(place)
     if package is None:  # the folder of a script may be large, and is not searched for packages
-        is_workspace = here.name == "src" or (here / "src").is_dir() or package_around(here) is not None
+        is_workspace = here.name == "src" or (here / "src").is_dir() or Workspace.package_around(here) is not None
         return here if is_workspace else place
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place

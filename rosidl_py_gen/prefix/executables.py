@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, inside, read_text
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, PackageFiles, UnreadableError
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.prefix.environment import Executable, is_python_program
 from rosidl_py_gen.type_loading import Install, PackageSetup, workspace_packages
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend import Workspace
-    from rosidl_py_gen.type_loading import SetupArguments
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
 _GROUP = "console_scripts"
@@ -103,7 +102,7 @@ def read_setup(folder: Path, budget: PackageBudget, runs_setup: bool) -> Package
     return PackageSetup.read(folder, budget, _run_setup_py if runs_setup else None)
 
 
-def _run_setup_py(folder: Path, why: str) -> SetupArguments:
+def _run_setup_py(folder: Path, why: str) -> list[dict[str, object]]:
     # Slow to import, and rarely needed.
     from rosidl_py_gen.prefix.setup_process import run_setup_py
 
@@ -123,7 +122,7 @@ def console_scripts(
 ) -> list[Executable]:
     """Return the console scripts of a package; calls `problem` with a text for each malformed one."""
     found = []
-    root = inside(setup.folders.get("", "")) or ""
+    root = PackageFiles.inside(setup.folders.get("", "")) or ""
     warning = "" if not package or setup.scripts_folder == f"lib/{package}" else _elsewhere(setup, package)
     for text in filter(str.strip, setup.groups.get(_GROUP, ())):
         if match := _ENTRY.fullmatch(text):
@@ -194,7 +193,7 @@ def of_prefixes(package: str) -> dict[str, Executable]:
 
 def _programs(folder: Path, budget: PackageBudget) -> Iterator[Executable]:
     """Yield files that CMakeLists.txt installs as PROGRAMS, and Python files that it installs into ``lib``."""
-    for one in Install.of_cmake(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget)):
+    for one in Install.of_cmake(folder, CMakeScript.read(folder, budget)):
         is_program = one.kind == "PROGRAMS"
         if is_program or one.destination.startswith("lib/"):
             for name, path in one.files():

@@ -32,11 +32,11 @@ from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.command_support import CommandError, report, terminal_output
-from rosidl_py_gen.compiler.frontend import files_below
+from rosidl_py_gen.compiler.frontend import PackageFiles
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.prefix import executables
 from rosidl_py_gen.prefix.build import NAME_RULE, Prefix, build_prefix, is_ament_name
-from rosidl_py_gen.prefix.environment import SITE_PACKAGES, make_importable, roots, variables, workspaces
+from rosidl_py_gen.prefix.environment import SITE_PACKAGES, make_importable, roots, workspaces
 from rosidl_py_gen.prefix.launch_packages import install_command_of, install_note
 
 _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
@@ -341,7 +341,7 @@ def start(
     if problems := (*prefix.problems, *prefix.notes):
         more = f" ({len(problems)} such problems; rosidl-py prefix prints all)" if problems[1:] else ""
         terminal_output.note(f"warning: {problems[0]}{more}")
-    os.environ.update(variables(prefix.folder))
+    os.environ.update(prefix.variables)
     for name, folder in (*_PIP_FOLDERS, ("PATH", os.path.dirname(sys.executable))):
         os.environ[name] += f"{os.pathsep}{folder}" if folder else ""
     sys.path.append(str(prefix.folder / SITE_PACKAGES))
@@ -374,7 +374,7 @@ def _file_of_package(package: str, name: str) -> str:
         text = f'no file and no package "{package}"{did_you_mean(package, known)}; searched the workspace'
         raise CommandError(f"{text}, --path and AMENT_PREFIX_PATH")
     share: str = packages.get_package_share_directory(package, print_warning=False)
-    found = {os.path.realpath(os.path.join(share, one)): one for one in reversed(files_below(Path(share)))}
+    found = {os.path.realpath(os.path.join(share, one)): one for one in reversed(PackageFiles(Path(share)).paths())}
     files = sorted(found.values())  # of links to one file, the first
     is_path = os.path.isfile(os.path.join(share, name))
     matching = [name] if is_path else [one for one in files if os.path.basename(one) == name]

@@ -29,13 +29,12 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import Workspace, scan_search_path
+from rosidl_py_gen.compiler.frontend import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
 from rosidl_py_gen.generator_cli.git_revision import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES
 from rosidl_py_gen.prefix.launch_packages import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, repository_of
 from rosidl_py_gen.prefix.package_plan import PROGRAM, PackagePlan
-from rosidl_py_gen.wheels import environment
 from rosidl_py_gen.wheels.build import read_manifest
 from rosidl_py_gen.wheels.environment import Installer
 
@@ -152,8 +151,8 @@ def _install_messages(packages: list[str], sources: dict[str, _PackageSource]) -
     if not packages:
         return
     try:
-        search = scan_search_path(tuple(str(sources[name].folder) for name in packages))
-        made = dict(one.split(" ") for one in environment.install(search, packages))
+        search = SearchPath.scan(tuple(str(sources[name].folder) for name in packages))
+        made = dict(one.split(" ") for one in Installer.install_packages(search, packages))
     except (DefinitionError, OutputError) as error:
         text = str(error.diagnostics[0] if isinstance(error, DefinitionError) else error)
         terminal_output.note(f"warning: the messages {', '.join(packages)} are not installed: {' '.join(text.split())}")

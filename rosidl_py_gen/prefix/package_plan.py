@@ -18,16 +18,12 @@ from typing import NamedTuple
 
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend import (
-    UNKNOWN,
     CMakeScript,
     Package,
     PackageBudget,
+    PackageFiles,
+    ReadPaths,
     UnreadableError,
-    files_below,
-    inside,
-    note,
-    read_package_manifest,
-    read_text,
 )
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.prefix import executables
@@ -100,7 +96,7 @@ class PackagePlan:
         self._setup: PackageSetup | None = None
         self._sources: set[Path | None] = {None}
         self._read(self._add_interfaces)
-        manifest = read_package_manifest(_text(folder, "package.xml"))
+        manifest = PackageFiles(folder).manifest()
         self._version = manifest.version if _VERSION.fullmatch(manifest.version) else "0.0.0"
         is_cmake = (folder / "CMakeLists.txt").is_file()
         is_python = any((folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
@@ -162,7 +158,7 @@ class PackagePlan:
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
         modules = {file.source for place, file in self.files.items() if place.startswith(SITE_PACKAGES)}
-        for path in self._budget.entries("", files_below(self._folder)):
+        for path in self._budget.entries("", PackageFiles(self._folder).paths()):
             source = self._folder / path
             if path.endswith(".py") and not modules.isdisjoint((source, *source.parents)):
                 continue
@@ -177,10 +173,10 @@ class PackagePlan:
         self._spend(1)
         self._budget.install(place, is_new_source=file.source not in self._sources)
         self._sources.add(file.source)
-        if UNKNOWN in place:
+        if CMakeScript.UNKNOWN in place:
             self._is_complete = False
             return None
-        path = inside(place)
+        path = PackageFiles.inside(place)
         if path is None or not path.isprintable():
             return self._problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
         path = _SITE_PACKAGES.sub(SITE_PACKAGES, path)
@@ -201,9 +197,9 @@ class PackagePlan:
 
     def _source(self, path: str) -> Path | None:
         """Return a path in the package folder; if the path is outside of the folder, add a problem and return None."""
-        if UNKNOWN in path:
+        if CMakeScript.UNKNOWN in path:
             self._is_complete = False
-        elif (place := "." if posixpath.normpath(path) == "." else inside(path)) is not None:
+        elif (place := "." if posixpath.normpath(path) == "." else PackageFiles.inside(path)) is not None:
             return self._folder / place
         else:
             self._problem(f'"{path[:200]}" is not in the package folder; it is skipped')
@@ -224,7 +220,7 @@ class PackagePlan:
         """Add a file to the prefix; scripts below ``lib`` become programs that run with this Python."""
         is_below_lib = place.startswith(("lib/", "bin/")) and not _SITE_PACKAGES.match(place)
         if is_below_lib or is_program:
-            note(source)
+            ReadPaths.note(source)
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
         if is_named or (is_below_lib and is_python_program(source)):
@@ -336,7 +332,7 @@ class PackagePlan:
     # --- CMakeLists.txt -----------------------------------------------------------------------------------------------
 
     def _read_cmake(self) -> None:
-        script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"), self._budget)
+        script = CMakeScript.read(self._folder, self._budget)
         self._budget.renew()  # for the files that are installed
         for install in Install.of_cmake(self._folder, script):
             self._install(install)
@@ -347,13 +343,15 @@ class PackagePlan:
         for command, texts in calls:
             if command.endswith(("add_executable", "add_library")):
                 self.has_targets |= {"INTERFACE", "IMPORTED", "ALIAS"}.isdisjoint(texts[1:])
-                is_installed = command.startswith("ament_auto") or not installed.isdisjoint((*texts[:1], UNKNOWN))
+                is_installed = command.startswith("ament_auto") or not installed.isdisjoint(
+                    (*texts[:1], CMakeScript.UNKNOWN)
+                )
                 self.missing += texts[:1] if is_installed and command.endswith("executable") else []
             elif command == "add_subdirectory":
                 self._is_complete = False
             else:
                 self._read_command(command, texts)
-        self.missing = [name for name in dict.fromkeys(self.missing) if UNKNOWN not in name]
+        self.missing = [name for name in dict.fromkeys(self.missing) if CMakeScript.UNKNOWN not in name]
 
     def _read_command(self, command: str, texts: list[str]) -> None:
         options = dict(pairwise(texts[1:]))
@@ -380,8 +378,8 @@ class PackagePlan:
                 if "CONTENT_FILE" in options and (file := self._source(options["CONTENT_FILE"])) is not None:
                     content = _text(self._folder, str(file.relative_to(self._folder)))
                 place = f"{INDEX}/{kind}/{options.get('PACKAGE_NAME', self.name)}"
-                self._add(place, PrefixFile(content=content.replace(UNKNOWN, "").encode(errors="replace")))
-            case "pluginlib_export_plugin_description_file", [kind, path] if UNKNOWN not in kind + path:
+                self._add(place, PrefixFile(content=content.replace(CMakeScript.UNKNOWN, "").encode(errors="replace")))
+            case "pluginlib_export_plugin_description_file", [kind, path] if CMakeScript.UNKNOWN not in kind + path:
                 self._install(Install(self._folder, "FILES", (path,), f"share/{self.name}"))
                 place = f"{INDEX}/{kind}__pluginlib__plugin/{self.name}"
                 before = self.files.get(place, PrefixFile(content=b"")).content or b""
@@ -403,7 +401,7 @@ class PackagePlan:
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
         waiting = [("", top)]
         for below, folder in waiting:  # grows inside the loop
-            note(folder)
+            ReadPaths.note(folder)
             with os.scandir(folder) as scan:
                 real = os.path.realpath(folder)
                 entries = sorted(self._budget.entries(real, scan), key=lambda entry: entry.name)
@@ -430,6 +428,6 @@ class PackagePlan:
 
 def _text(folder: Path, name: str) -> str:
     try:
-        return read_text(folder, name)
+        return PackageFiles(folder).read_text(name)
     except UnreadableError:
         return ""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -17,9 +16,9 @@ from types import ModuleType
 
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import UnreadableError, Workspace, files_below, note
+from rosidl_py_gen.compiler.frontend import PackageFiles, ReadPaths, Workspace
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES, roots, variables, workspaces
-from rosidl_py_gen.type_loading import cached, is_usable
+from rosidl_py_gen.type_loading import CacheFolder, cached
 
 
 def set_environment(place: Path, paths: Sequence[str]) -> None:
@@ -54,18 +53,17 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
         from rosidl_py_gen.prefix.build import STATE, build_prefix
 
         for place in sys.path:
-            note(place)
+            ReadPaths.note(place)
         copies = [replace(one) for one in workspaces]  # a workspace that was read before notes no paths
         prefix = build_prefix(roots(copies), runs_setup=True)
         for folder in prefix.packages.values():
-            with suppress(UnreadableError):
-                files_below(folder)
-        note(prefix.folder / STATE)
+            PackageFiles(folder).note_folders()
+        ReadPaths.note(prefix.folder / STATE)
         built.append(prefix)
         return [str(prefix.folder), *prefix.notes]
 
     folder, *notes = cached(("prefix", sys.executable, sys.path, workspaces), build)
-    if not built and not is_usable(Path(folder)):
+    if not built and not CacheFolder(Path(folder)).is_usable():
         # The temporary prefix of another process, or other users have been able to enter the prefix.
         folder, *notes = build()
     for text in notes:

@@ -18,9 +18,9 @@ from threading import Thread
 from typing import IO, Any
 
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.compiler.frontend import UnreadableError, files_below, note, stamp
+from rosidl_py_gen.compiler.frontend import PackageFiles, ReadPaths
 from rosidl_py_gen.errors import RosidlError, display_path, printable
-from rosidl_py_gen.type_loading import SetupArguments, cached
+from rosidl_py_gen.type_loading import cached
 
 TIMEOUT_S = 10.0
 """Maximum run time of a setup.py in seconds, after which its process group is killed."""
@@ -41,7 +41,7 @@ class SetupRunError(RosidlError):
     """Raised if a setup.py has failed, or did not end in time."""
 
 
-def run_setup_py(folder: Path, why: str) -> SetupArguments:
+def run_setup_py(folder: Path, why: str) -> list[dict[str, object]]:
     """Return the arguments of all calls of `setup` in the setup.py of a package, which runs unless a result is cached.
 
     Args:
@@ -54,18 +54,17 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
 
     def run() -> Any:
         terminal_output.note(f"note: running {display_path(folder / 'setup.py')}, because {printable(why, 200)}")
-        with suppress(UnreadableError):
-            files_below(folder)  # notes the folders
+        PackageFiles(folder).note_folders()
         result = _record(folder)
         for path in result["read"]:
-            note(path)
+            ReadPaths.note(path)
         return result
 
     variables = sorted(item for item in os.environ.items() if item[0] not in _OF_SHELLS)
     # The values may be secret, so only a digest is stored.
     digest = hashlib.sha256(repr(variables).encode(errors="surrogateescape")).hexdigest()
     settings = ("setup", sys.executable, str(folder), digest)
-    key = folder, digest, stamp(str(folder / "setup.py"))
+    key = folder, digest, ReadPaths.stamp(str(folder / "setup.py"))
     if key not in _results:
         try:
             _results[key] = cached(settings, run)
@@ -75,11 +74,11 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
     if isinstance(result, str):
         raise SetupRunError(result)
     # The caller may be a cached search itself.
-    with suppress(UnreadableError):
-        files_below(folder)
+    PackageFiles(folder).note_folders()
     for path in result["read"]:
-        note(path)
-    return SetupArguments.of_calls(result["calls"])
+        ReadPaths.note(path)
+    calls: list[dict[str, object]] = result["calls"]
+    return calls
 
 
 def _record(folder: Path) -> Any:

@@ -173,9 +173,9 @@ def exit_on_error() -> Iterator[None]:
     try:
         yield
     except click_module().ClickException as error:
-        from rosidl_py_gen.generator_cli.command_line import usage_error_text
+        from rosidl_py_gen.generator_cli.command_line import HintedUsageError
 
-        click_module().echo(printable_lines(usage_error_text(error)), err=True)
+        click_module().echo(printable_lines(HintedUsageError.text_of(error)), err=True)
         sys.exit(error.exit_code)
     except (click_module().Abort, KeyboardInterrupt):
         sys.exit(130)

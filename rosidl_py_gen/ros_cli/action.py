@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 def _actions(node: Node) -> list[dict[str, Any]]:
-    from rosidl_py_gen.command_support.graph_lookup import actions
+    from rosidl_py_gen.command_support.command_node import CommandNode
 
-    return [{"name": name, "types": types} for name, types in actions(node.get_topic_names_and_types())]
+    return [{"name": name, "types": types} for name, types in CommandNode.actions(node.get_topic_names_and_types())]
 
 
 list_ = list_verb("action", "rosidl-py action list -t", _actions)
@@ -47,12 +47,10 @@ async def info(command_node: CommandNode, action: str, show_types: bool, count: 
     \b
     rosidl-py action info /fibonacci -t
     """
-    from rosidl_py_gen.command_support.graph_lookup import actions
-
     node = command_node.node
     name = await command_node.find("action", action)
     await command_node.wait_for_node_names()
-    types = dict(actions(node.get_topic_names_and_types())).get(name, [])
+    types = dict(command_node.actions(node.get_topic_names_and_types())).get(name, [])
     clients = _nodes_with(name, node, node.get_subscriber_names_and_types_by_node)
     servers = _nodes_with(name, node, node.get_publisher_names_and_types_by_node)
     lines = [f"Action: {name}"]
@@ -68,12 +66,12 @@ def _nodes_with(action: str, node: Node, topics_of: Callable[[str, str], Any]) -
 
     The function `topics_of(name, namespace)` returns the topics of a node.
     """
-    from rosidl_py_gen.command_support.graph_lookup import actions
+    from rosidl_py_gen.command_support.command_node import CommandNode
 
     return [
         {"node": one.fully_qualified_name, "types": types}
         for one in sorted(node.get_nodes(), key=lambda known: known.fully_qualified_name)
-        for name, types in actions(topics_of(one.name, one.namespace))
+        for name, types in CommandNode.actions(topics_of(one.name, one.namespace))
         if name == action
     ]
 

@@ -130,9 +130,9 @@ def _names(what: str, context: click.Context) -> list[str]:
         folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
         if what == "workspace packages":
             return [*folders]
-        from rosidl_py_gen.compiler.frontend import files_below
+        from rosidl_py_gen.compiler.frontend import PackageFiles
 
-        names = (PurePath(one).name for one in files_below(folders[context.params["words"][0]]))
+        names = (PurePath(one).name for one in PackageFiles(folders[context.params["words"][0]]).paths())
         return sorted({name for name in names if "launch" in name})
     return _query(context, lambda command_node: _live_names(what, command_node, context))
 

@@ -14,25 +14,19 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.compiler.frontend import (
-    InterfaceRegistry,
-    registry_from_descriptions,
-    scan_search_path,
-    written_messages,
-)
+from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
 from rosidl_py_gen.errors import InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.type_loading import CachedDescription
+from rosidl_py_gen.type_loading import CachedDescription, DescribedType
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
     from rosidl_py_gen.base.descriptions import Description
-    from rosidl_py_gen.compiler.frontend import SearchPath
 
 
 def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
     """Return the names of all types of `kinds` (msg, srv, action), or of all packages if `kinds` is empty."""
-    search = scan_search_path(paths)
+    search = SearchPath.scan(paths)
     names = names_of(search, "", kinds or RosName.KINDS)
     return [*map(str, names)] if kinds else sorted({*search.packages, *(name.package for name in names)})
 
@@ -42,10 +36,12 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
 
     Raises `CommandError` if the package is unknown.
     """
-    from rosidl_py_gen.type_loading import generated_names
+    from rosidl_py_gen.type_loading import GeneratedDefinition
 
     generated = [
-        name for name in generated_names() if name.package not in search.packages and package in ("", name.package)
+        name
+        for name in GeneratedDefinition.names()
+        if name.package not in search.packages and package in ("", name.package)
     ]
     if package and package not in search.packages and not generated:
         if package in search.refused:
@@ -76,7 +72,9 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
     try:
         registry.read_checked(name)
     except TypeNotFoundError:
-        definition = _generated(text) or cached_registry(text)
+        definition = _generated(text)
+        if definition is None and (described := find_cached(text)) is not None:
+            definition = described.registry(), described.name
         if definition is None:
             raise
         return definition
@@ -84,20 +82,24 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
 
 
 def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    from rosidl_py_gen.type_loading import registry_of_generated_class
+    from rosidl_py_gen.type_loading import GeneratedDefinition
 
-    if (definition := registry_of_generated_class(text)) is None:
+    if (definition := GeneratedDefinition.find(text)) is None:
         return None
-    terminal_output.note(definition[2])
-    return definition[:2]
+    terminal_output.note(definition.note)
+    return definition.registry, definition.name
 
 
 class _CachedDescriptions(NamedTuple):
     individuals: dict[str, Description]
     sources: dict[str, tuple[str, str]]
 
+    def describe(self, name: RosName) -> DescribedType:
+        is_service = name.kind == "srv" and "_" not in name.name
+        return DescribedType(str(name), self.individuals, self.sources, is_service=is_service)
 
-def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
+
+def find_cached(text: str) -> DescribedType | None:
     """Return a definition that a node once described and that is cached on disk; None if there is none.
 
     The type is ``pkg/kind/Name``, or ``pkg/Name`` of any kind. A note on standard error names the hash of the
@@ -108,11 +110,11 @@ def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
     """
     for name in _names(text):
         descriptions = list(_descriptions(name))
-        if registries := _by_hash(name, descriptions) or _joined(name, descriptions):
-            (type_hash, registry), others = next(iter(registries.items())), list(registries)[1:]
+        if found := _by_hash(name, descriptions) or _joined(name, descriptions):
+            (type_hash, described), others = next(iter(found.items())), list(found)[1:]
             more = f"; other cached definitions: {', '.join(others)}" if others else ""
             terminal_output.note(f"{name} is not on the search path; using the cached definition {type_hash}{more}")
-            return registry, name
+            return described
     return None
 
 
@@ -139,27 +141,24 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
         yield _CachedDescriptions(TypeDescriptions.individuals(description), sources)
 
 
-def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """Return the definitions of a type in cached descriptions that contain the type completely, as
-    registries by hash.
-    """
-    is_service = name.kind == "srv" and "_" not in name.name
-    registries: dict[str, InterfaceRegistry] = {}
+def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, DescribedType]:
+    """Return the definitions of a type in cached descriptions that contain the type completely, by hash."""
+    found: dict[str, DescribedType] = {}
     for one in descriptions:
-        if all(message in one.individuals for message in written_messages(name, is_service)):
+        described = one.describe(name)
+        if described.is_complete:
             with suppress(RosidlError):  # invalid, or too large
-                registry = registry_from_descriptions(name, one.individuals, one.sources, is_service)
-                registries.setdefault(registry.type_hash(str(name)), registry)
-    return registries
+                found.setdefault(described.registry().type_hash(str(name)), described)
+    return found
 
 
-def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """Return a service or action whose messages are described in several cached descriptions, as a registry by hash.
+def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, DescribedType]:
+    """Return a service or action whose messages are described in several cached descriptions, by its hash.
 
     Returns {} if a message is missing.
     """
-    messages = written_messages(name, name.kind == "srv" and "_" not in name.name)
     joined = _CachedDescriptions({}, {})
+    messages = joined.describe(name).messages
     for one in descriptions if len(messages) > 1 else ():
         if one.individuals.keys().isdisjoint(messages):
             continue

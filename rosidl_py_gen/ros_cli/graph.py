@@ -25,10 +25,10 @@ from rosidl_py_gen.errors import printable
 from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from rosidl_py_gen.command_support.command_node import CommandNode
-    from rosidl_py_gen.runtime import NamesAndTypes, Node
+    from rosidl_py_gen.runtime import Node
 
 COUNTERPARTS = {"publishes": "subscribes", "subscribes": "publishes", "serves": "calls", "calls": "serves"}
 
@@ -386,11 +386,11 @@ def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, 
 
 def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
 
-    topics: dict[str, Callable[[str, str], NamesAndTypes]] = {
+    topics = {
         "publishes": node.get_publisher_names_and_types_by_node,
         "subscribes": node.get_subscriber_names_and_types_by_node,
     }
-    services: dict[str, Callable[[str, str], NamesAndTypes]] = {
+    services = {
         "serves": node.get_service_names_and_types_by_node,
         "calls": node.get_client_names_and_types_by_node,
     }

@@ -29,11 +29,9 @@ async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, 
         hidden: include names with a part that begins with an underscore.
         type_name: include only names of this type.
     """
-    from rosidl_py_gen.command_support.graph_lookup import is_hidden
-
     await command_node.wait_for_discovery()
     command_node.note_if_alone()
-    rows = [row for row in rows_of(command_node.node) if hidden or not is_hidden(row["name"])]
+    rows = [row for row in rows_of(command_node.node) if hidden or not command_node.is_hidden(row["name"])]
     return [row for row in rows if not type_name or type_name in row["types"]]
 
 

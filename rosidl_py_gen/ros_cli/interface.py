@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -30,12 +30,12 @@ def _find_names(
     """Return the search path, the selected kinds of interfaces (all if none is given), and the interfaces of these
     kinds.
     """
-    from rosidl_py_gen.compiler.frontend import scan_search_path
+    from rosidl_py_gen.compiler.frontend import SearchPath
     from rosidl_py_gen.ros_cli.definitions import names_of
 
     selected = {"msg": msgs, "srv": srvs, "action": actions}
     kinds = [kind for kind, is_selected in selected.items() if is_selected] or list(selected)
-    search = scan_search_path(paths)
+    search = SearchPath.scan(paths)
     return search, kinds, names_of(search, package, kinds)
 
 
@@ -111,10 +111,10 @@ def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...
 
     --json prints the type description and the hash.
     """
-    from rosidl_py_gen.compiler.frontend import DefinitionText, scan_search_path
+    from rosidl_py_gen.compiler.frontend import DefinitionText, SearchPath
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
-    library, top = read_definition(scan_search_path(paths), name)
+    library, top = read_definition(SearchPath.scan(paths), name)
     if as_json:
         description = library.type_description(str(top))
         terminal_output.document({"hash": library.type_hash(str(top)), **description})
@@ -138,10 +138,10 @@ def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: 
     rosidl-py interface hash std_msgs/msg/String
     rosidl-py interface hash --parts example_interfaces/action/Fibonacci
     """
-    from rosidl_py_gen.compiler.frontend import scan_search_path
+    from rosidl_py_gen.compiler.frontend import SearchPath
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
-    search = scan_search_path(paths)
+    search = SearchPath.scan(paths)
     hashes: dict[str, str] = {}
     for text in names:
         library, top = read_definition(search, text)
@@ -179,22 +179,20 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
     """Return an example message of a type with default values; for a service its request, for an action its goal."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.compiler.frontend import scan_search_path
+    from rosidl_py_gen.compiler.frontend import SearchPath
 
-    name = scan_search_path(paths).resolve(text)
+    name = SearchPath.scan(paths).resolve(text)
     try:
         suffix = _message_suffix(name)
         return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()
     except TypeNotFoundError:
-        from rosidl_py_gen.ros_cli.definitions import cached_registry
-        from rosidl_py_gen.type_loading import class_of_registry
+        from rosidl_py_gen.ros_cli.definitions import find_cached
 
-        cached = cached_registry(text)
+        cached = find_cached(text)
         if cached is None:
             raise
-        library, name = cached
-        cls: Any = class_of_registry(library, name, path=paths)
-        message: Message = (getattr(cls, _message_suffix(name)) if _message_suffix(name) else cls)()
+        cls, suffix = cached.load(paths), _message_suffix(cached.name)
+        message: Message = (getattr(cls, suffix) if suffix else cls)()
         return message
 
 

@@ -123,13 +123,13 @@ def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
 
 
 async def _retained(messages: AdaptiveSubscription[Any]) -> list[Any]:
-    from rosidl_py_gen.command_support.command_node import now_s
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     received = []
-    end_s = now_s() + _RETAINED_S
+    end_s = CommandNode.now_s() + _RETAINED_S
     try:
-        while (left_s := end_s - now_s()) > 0:
+        while (left_s := end_s - CommandNode.now_s()) > 0:
             received.append((await messages.receive_with_info(left_s))[0])
     except WaitTimeoutError:
         pass

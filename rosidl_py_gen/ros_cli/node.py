@@ -25,14 +25,12 @@ async def list_(command_node: CommandNode, hidden: bool, count: bool, as_json: b
     rosidl-py node list
     rosidl-py node list --json | jq -r '.[].name'
     """
-    from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
-
     await command_node.wait_for_node_names()
     command_node.note_if_alone()
     rows = [
         {"name": node.fully_qualified_name, "enclave": node.enclave}
         for node in sorted(command_node.node.get_nodes(), key=lambda one: one.fully_qualified_name)
-        if hidden or not is_hidden_node(node.fully_qualified_name)
+        if hidden or not command_node.is_hidden_node(node.fully_qualified_name)
     ]
     names = [row["name"] for row in rows]
     terminal_output.names(rows, count, show_types=False, as_json=as_json)
@@ -51,8 +49,6 @@ async def info(command_node: CommandNode, node: str, hidden: bool, as_json: bool
     \b
     rosidl-py node info /talker
     """
-    from rosidl_py_gen.command_support.graph_lookup import actions, is_hidden
-
     full_name = await command_node.find("node", node)
     await command_node.wait_for_discovery()
     count = command_node.node.get_node_names().count(full_name)
@@ -65,11 +61,13 @@ async def info(command_node: CommandNode, node: str, hidden: bool, as_json: bool
         "Publishers": published,
         "Service Servers": command_node.node.get_service_names_and_types_by_node(*identity),
         "Service Clients": command_node.node.get_client_names_and_types_by_node(*identity),
-        "Action Servers": actions(published),
-        "Action Clients": actions(subscribed),
+        "Action Servers": command_node.actions(published),
+        "Action Clients": command_node.actions(subscribed),
     }
     if not hidden:
-        entities = {kind: [one for one in found if not is_hidden(one[0])] for kind, found in entities.items()}
+        entities = {
+            kind: [one for one in found if not command_node.is_hidden(one[0])] for kind, found in entities.items()
+        }
     if count > 1:
         terminal_output.note(f"{count} nodes have the name {full_name}; their entities are shown together")
     if as_json:

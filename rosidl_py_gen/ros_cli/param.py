@@ -224,12 +224,10 @@ async def dump(command_node: CommandNode, node: str, output: str | None, timeout
     """
     import asyncio
 
-    from rosidl_py_gen.command_support.command_node import now_s
-
-    end_s = now_s() + timeout_s
+    end_s = command_node.now_s() + timeout_s
     async with _parameters_of(command_node, node, timeout_s) as client:
-        values = await client.get_all(max(0.0, end_s - now_s())) if as_json else {}
-        text = "" if as_json and output is None else await client.dump_yaml(max(0.0, end_s - now_s()))
+        values = await client.get_all(max(0.0, end_s - command_node.now_s())) if as_json else {}
+        text = "" if as_json and output is None else await client.dump_yaml(max(0.0, end_s - command_node.now_s()))
     if output is not None:
         await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
         terminal_output.note(f"wrote {output}")

@@ -81,7 +81,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     """
     from rosidl_py_gen.base.names import did_you_mean
     from rosidl_py_gen.prefix.build import build_prefix
-    from rosidl_py_gen.prefix.environment import variables, workspaces
+    from rosidl_py_gen.prefix.environment import workspaces
 
     if find_spec("pytest") is None:
         raise CommandError("pytest is not installed: pip install pytest")
@@ -97,19 +97,19 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     words = ["-m", "pytest", "-p", _PLUGIN, "-rs", "-o", f"cache_dir={prefix.folder / '.pytest_cache'}", *arguments]
     if not any((folder / word.partition("::")[0]).exists() for word in arguments if not word.startswith("-")):
         words += _declared_tests(folder)
-    environment = os.environ | variables(prefix.folder)
+    environment = os.environ | prefix.variables
     os.chdir(folder)
     return lambda: os.execve(sys.executable, [sys.executable, *words], environment)
 
 
 def _declared_tests(folder: Path) -> list[str]:
     """Return the paths of tests that CMakeLists.txt declares; [] if it is missing, or a path does not exist."""
-    from rosidl_py_gen.compiler.frontend import CMakeScript, UnreadableError, inside, read_text
+    from rosidl_py_gen.compiler.frontend import CMakeScript, PackageFiles, UnreadableError
 
     try:
-        calls = CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls
+        calls = CMakeScript.read(folder).calls
     except UnreadableError:
         return []
     found = [(words, _TEST_COMMANDS[name]) for name, words in calls if name in _TEST_COMMANDS]
-    declared = [inside(words[at].text) or "" for words, at in found if at < len(words)]
+    declared = [PackageFiles.inside(words[at].text) or "" for words, at in found if at < len(words)]
     return declared if all(path and (folder / path).exists() for path in declared) else []

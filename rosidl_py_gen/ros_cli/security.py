@@ -120,9 +120,9 @@ def create_permission(root: Path, name: str, policy_file: str, as_json: bool) ->
     rosidl-py security create_permission keystore /talker policy.xml
     """
     from rosidl_py_gen.base.names import did_you_mean
-    from rosidl_py_gen.security import SecurityPolicy, check_enclave_name
+    from rosidl_py_gen.security import PolicyEnclave, SecurityPolicy
 
-    check_enclave_name(name)
+    PolicyEnclave.check_name(name)
     domain_id = _domain_id()
     _keystore(root).require()
     policy = SecurityPolicy.read(policy_file)
@@ -219,13 +219,12 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     \b
     rosidl-py security generate_policy policy.xml
     """
-    from rosidl_py_gen.command_support.graph_lookup import is_hidden_node
     from rosidl_py_gen.security import SecurityPolicy
 
     path = os.path.realpath(policy_file)
     policy = SecurityPolicy.read(policy_file) if os.path.lexists(path) else SecurityPolicy.empty()
     await command_node.wait_for_node_names()
-    nodes = [one for one in command_node.node.get_nodes() if not is_hidden_node(one.fully_qualified_name)]
+    nodes = [one for one in command_node.node.get_nodes() if not command_node.is_hidden_node(one.fully_qualified_name)]
     added = [one for one in nodes if _add_node(policy, command_node.node, one)]
     if not added:
         domain_id = command_node.context.domain_id

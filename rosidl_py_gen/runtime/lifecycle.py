@@ -21,14 +21,9 @@ from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     ChangeState,
-    ChangeState_Request,
-    ChangeState_Response,
     GetAvailableStates,
-    GetAvailableStates_Response,
     GetAvailableTransitions,
-    GetAvailableTransitions_Response,
     GetState,
-    GetState_Response,
 )
 from rosidl_py_gen.runtime.entities.message_types import MessageType, message_type, service_type
 from rosidl_py_gen.runtime.entities.services import ServiceServer
@@ -249,7 +244,7 @@ class LifecycleMachine:
         )
         table: list[tuple[str, Any, Callable[[Any], Any]]] = [
             ("change_state", ChangeState, self._on_change_state),
-            ("get_state", GetState, lambda request: GetState_Response(current_state=_state(self.state))),
+            ("get_state", GetState, lambda request: GetState.Response(current_state=_state(self.state))),
             ("get_available_states", GetAvailableStates, self._on_states),
             (
                 "get_available_transitions",
@@ -313,16 +308,16 @@ class LifecycleMachine:
             event.transition = msg.Transition(id=row.id, label=row.label)
         self._event.publish(event)
 
-    async def _on_change_state(self, request: ChangeState_Request) -> ChangeState_Response:
+    async def _on_change_state(self, request: ChangeState.Request) -> ChangeState.Response:
         try:
             outcome = await self.change(request.transition.id, request.transition.label)
         except TransitionError as error:
             self._scope.logger.warning(f"refused a change of state: {error}", throttle_s=1.0)
-            return ChangeState_Response(success=False)
-        return ChangeState_Response(success=outcome is TransitionCallbackReturn.SUCCESS)
+            return ChangeState.Response(success=False)
+        return ChangeState.Response(success=outcome is TransitionCallbackReturn.SUCCESS)
 
-    def _on_states(self, request: object) -> GetAvailableStates_Response:
-        return GetAvailableStates_Response(available_states=[_state(state) for state in State])
+    def _on_states(self, request: object) -> GetAvailableStates.Response:
+        return GetAvailableStates.Response(available_states=[_state(state) for state in State])
 
 
 def _transition_event_class() -> type[Any]:
@@ -356,8 +351,8 @@ def _state(state: State) -> msg.State:
     return msg.State(id=int(state), label=state.label)
 
 
-def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions_Response:
-    return GetAvailableTransitions_Response(
+def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions.Response:
+    return GetAvailableTransitions.Response(
         available_transitions=[
             msg.TransitionDescription(
                 transition=msg.Transition(id=row.id, label=row.label),

@@ -41,7 +41,7 @@ from rosidl_py_gen.runtime.type_descriptions import (
     provider_participants,
     request_type_description,
 )
-from rosidl_py_gen.type_loading import MAX_DESCRIPTION_BYTES, CachedDescription
+from rosidl_py_gen.type_loading import CachedDescription
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -415,9 +415,9 @@ class TypeResolver:
         """
         from rosidl_py_gen import to_dict
 
-        if len(data) > MAX_DESCRIPTION_BYTES:
+        if len(data) > CachedDescription.MAX_BYTES:
             raise TypeDescriptionError(
-                f"{sender} describes {name} in {len(data)} bytes; expected at most {MAX_DESCRIPTION_BYTES}"
+                f"{sender} describes {name} in {len(data)} bytes; expected at most {CachedDescription.MAX_BYTES}"
             )
         response = decode_description(sender, data)
         description = to_dict(response.type_description)

@@ -3,4 +3,3 @@
 from rosidl_py_gen.security.keystore import Keystore as Keystore
 from rosidl_py_gen.security.policy import PolicyEnclave as PolicyEnclave
 from rosidl_py_gen.security.policy import SecurityPolicy as SecurityPolicy
-from rosidl_py_gen.security.policy import check_enclave_name as check_enclave_name

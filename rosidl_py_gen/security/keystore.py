@@ -31,15 +31,13 @@ from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
 from rosidl_py_gen.security.files import is_readable_by_others, link, locked, write_file
-from rosidl_py_gen.security.policy import check_enclave_name, governance_xml, permissions_xml
+from rosidl_py_gen.security.policy import PolicyEnclave, governance_xml, permissions_xml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from datetime import datetime
 
     from cryptography.x509 import Certificate
-
-    from rosidl_py_gen.security.policy import PolicyEnclave
 
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
@@ -354,7 +352,7 @@ class Keystore:
             relative = os.path.relpath(folder, self.enclaves).replace(os.sep, "/")
             name = "/" if relative == "." else f"/{relative}"
             try:
-                check_enclave_name(name)
+                PolicyEnclave.check_name(name)
             except InvalidNameError as error:
                 self.note(f"skipped {folder}: {str(error).partition(chr(10))[0]}")
             else:

@@ -202,9 +202,29 @@ class PolicyEnclave:
 
         Raises `InvalidNameError` if `name` cannot be the name of an enclave.
         """
-        check_enclave_name(name)
+        cls.check_name(name)
         rules = (PolicyRule(kind, dict.fromkeys(attributes, ALLOW), ("/*",)) for kind, (_, attributes) in RULES.items())
         return cls(name, (tuple(rules),), XmlElement("enclave"), allows_everything=True)
+
+    @staticmethod
+    def check_name(name: str) -> None:
+        """Raise `InvalidNameError` unless rcl accepts the name of an enclave, and the name fits in a certificate.
+
+        Valid names are, for example, ``/`` and ``/robot/talker``.
+        """
+        from rosidl_py_gen.runtime import validate_namespace
+
+        try:
+            validate_namespace(name)
+        except InvalidNameError as error:
+            text = str(error).replace("invalid namespace", "invalid enclave name", 1)
+            raise InvalidNameError(text, name=name, index=error.index, reason=error.reason) from None
+        if len(name) > _MAX_COMMON_NAME:
+            raise InvalidNameError(
+                f"invalid enclave name {name!r:.300}: it has {len(name)} characters; the common name of a certificate "
+                f"has at most {_MAX_COMMON_NAME}",
+                name=name,
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +251,7 @@ class SecurityPolicy:
         """
         from rosidl_py_gen.runtime import validate_namespace, validate_node_name
 
-        check_enclave_name(enclave)
+        PolicyEnclave.check_name(enclave)
         validate_namespace(namespace)
         validate_node_name(node)
         parent = _child(_child(self.root, "enclaves", {}), "enclave", {"path": enclave})
@@ -284,26 +304,6 @@ def _child(parent: XmlElement, tag: str, attributes: dict[str, str] | None) -> X
     return child
 
 
-def check_enclave_name(name: str) -> None:
-    """Raise `InvalidNameError` unless rcl accepts the name of an enclave, and the name fits in a certificate.
-
-    Valid names are, for example, ``/`` and ``/robot/talker``.
-    """
-    from rosidl_py_gen.runtime import validate_namespace
-
-    try:
-        validate_namespace(name)
-    except InvalidNameError as error:
-        text = str(error).replace("invalid namespace", "invalid enclave name", 1)
-        raise InvalidNameError(text, name=name, index=error.index, reason=error.reason) from None
-    if len(name) > _MAX_COMMON_NAME:
-        raise InvalidNameError(
-            f"invalid enclave name {name!r:.300}: it has {len(name)} characters; the common name of a certificate has "
-            f"at most {_MAX_COMMON_NAME}",
-            name=name,
-        )
-
-
 def expand_name(expression: str, namespace: str, node: str) -> str:
     """Expand the name of a topic, service or action in a node's profile to the full name."""
     prefix = namespace if namespace.endswith("/") else f"{namespace}/"
@@ -347,7 +347,7 @@ class _Validator:
         self._attributes(element, "path")
         name = element.attributes.get("path", "/")
         try:
-            check_enclave_name(name)
+            PolicyEnclave.check_name(name)
         except InvalidNameError as error:
             self._report(element, str(error).partition("\n")[0])
         grants = []

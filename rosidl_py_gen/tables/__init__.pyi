@@ -7,6 +7,5 @@ from rosidl_py_gen.tables.multi_bag import write_datasets as write_datasets
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
 from rosidl_py_gen.tables.query import Database as Database
-from rosidl_py_gen.tables.query import find_sources as find_sources
 from rosidl_py_gen.tables.reading import reader as reader
 from rosidl_py_gen.tables.writing import MessageTable as MessageTable

@@ -35,7 +35,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, DamagedPart, unreachable_as_error
+from rosidl_py_gen.bags import BagError, BagLocation, BagReader, BagWarning, DamagedPart
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
@@ -118,7 +118,7 @@ def find_task_files(out: str, names: Collection[str]) -> list[TaskFile]:
         OSError: the place cannot be read.
     """
     system, root = file_system(out)
-    with unreachable_as_error(out):
+    with BagLocation(out).unreachable_as_error():
         system.invalidate_cache()
         found: dict[str, str] = {}
         for path in system.find(root):
@@ -146,7 +146,7 @@ def remove_files(out: str, paths: Iterable[str]) -> None:
         BagError: the place does not respond.
         OSError: a file cannot be removed.
     """
-    with unreachable_as_error(out):
+    with BagLocation(out).unreachable_as_error():
         system = file_system(out)[0]
         for path in paths:
             system.rm(path)
@@ -155,7 +155,7 @@ def remove_files(out: str, paths: Iterable[str]) -> None:
 def remove_partial_files(out: str, names: Iterable[str]) -> None:
     """Remove the partial files of bags with these names, which killed processes have left in a dataset."""
     system, root = file_system(out)
-    with unreachable_as_error(out):
+    with BagLocation(out).unreachable_as_error():
         folders = {f"{BAG}={quote(name, safe='')}" for name in names}
         for path in system.find(root):
             if path.endswith(PARTIAL) and not folders.isdisjoint(path.split("/")):

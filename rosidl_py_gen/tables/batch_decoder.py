@@ -20,19 +20,17 @@ import numpy as np
 
 from rosidl_py_gen.bags import BagError
 from rosidl_py_gen.base.field_columns import Column
-from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError
+from rosidl_py_gen.cdr.arrays import DTYPES
 from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
-    HEADER_BYTES,
-    HEADER_VALUE,
     MAX_ALIGN,
     MAX_WSTRING_UNIT,
     PADDING,
     WSTRING_UNIT_BYTES,
-    align_offset,
+    Header,
     align_up,
 )
-from rosidl_py_gen.cdr.structured_arrays import cached_per_class, find_structured_codec
+from rosidl_py_gen.cdr.structured_arrays import StructuredCodec, cached_per_class
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow_columns import Kind, nodes_of
@@ -42,7 +40,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.cdr.structured_arrays import StructuredCodec
     from rosidl_py_gen.tables.arrow_columns import ColumnArrays, ColumnNode
 
     Ints: TypeAlias = NDArray[np.int64]
@@ -95,7 +92,7 @@ class BatchCursor:
         The returned positions are the offsets of the `size` bytes. Raises `BatchUnsupportedError` if a position exceeds
         its limit.
         """
-        start: Ints = align_offset(self.pos, align) if align > 1 else self.pos
+        start: Ints = Header.align(self.pos, align) if align > 1 else self.pos
         self.pos = start + size
         if (self.pos > self.limit).any():
             raise BatchUnsupportedError
@@ -133,10 +130,10 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
 
     The messages start at multiples of 8. Raises `BatchUnsupportedError` for an unsupported header.
     """
-    if (sizes < HEADER_BYTES).any():
+    if (sizes < Header.SIZE).any():
         raise BatchUnsupportedError
-    cursor = BatchCursor(data, start + HEADER_BYTES, start + sizes)
-    if ((cursor.words[start >> _WORD_SHIFT] & 0xFFFF) != HEADER_VALUE).any():
+    cursor = BatchCursor(data, start + Header.SIZE, start + sizes)
+    if ((cursor.words[start >> _WORD_SHIFT] & 0xFFFF) != Header.VALUE).any():
         raise BatchUnsupportedError
     return cursor
 
@@ -191,7 +188,7 @@ class FixedRun:
 
     def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
         start = cursor.take(0, self.fields[0].align)
-        phases = start - HEADER_BYTES & MAX_ALIGN - 1
+        phases = start - Header.SIZE & MAX_ALIGN - 1
         phase = int(phases[0]) if len(phases) else 0
         groups: list[tuple[Any, np.dtype[np.void]]]
         if (phases == phase).all():
@@ -259,7 +256,7 @@ class NumberSequence:
         counts = _element_counts(cursor, self.node)
         size = counts * self.dtype.itemsize
         if self.align > COUNT_BYTES:  # padding precedes the first element; an empty sequence has none
-            cursor.pos = np.where(counts > 0, align_offset(cursor.pos, self.align), cursor.pos)
+            cursor.pos = np.where(counts > 0, Header.align(cursor.pos, self.align), cursor.pos)
         start = cursor.take(size, 1)
         if self.node in selected:
             octets = gather_ranges(cursor, start, size)
@@ -287,7 +284,7 @@ class FixedMessageSequence:
                     if is_selected:
                         pieces.append(codec.read_elements(data, begin, count, "<"))
                     pos[row] = end
-        except (FieldValueError, MemoryError):
+        except (RosidlError, MemoryError):
             raise BatchUnsupportedError from None
         cursor.pos = np.array(pos, np.int64)
         if is_selected:
@@ -468,7 +465,7 @@ def _steps(nodes: tuple[ColumnNode, ...]) -> list[ReadStep]:
 
 def _message_sequence(node: ColumnNode) -> ReadStep:
     assert node.field.cls is not None
-    codec = find_structured_codec(node.field.cls)
+    codec = StructuredCodec.find(node.field.cls)
     if codec is not None:
         return FixedMessageSequence(node, codec)
     steps = tuple(_merge_runs(_steps(node.children)))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 from uuid import uuid4
 
-from rosidl_py_gen.bags import BagError, MessageBlock, has_colons_in_names, is_url, unreachable_as_error
+from rosidl_py_gen.bags import BagError, BagLocation, MessageBlock
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.type_queries import referenced_classes
@@ -50,11 +50,11 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
         import fsspec  # type: ignore[import-untyped]
     except ModuleNotFoundError as missing:
         raise Extra.missing_error(missing) or missing from None
-    if not is_url(place):  # fsspec would parse "::" as a chain of URLs, and other characters as well
+    if not BagLocation(place).is_url:  # fsspec would parse "::" as a chain of URLs, and other characters as well
         return fsspec.filesystem("file", skip_instance_cache=fresh), os.path.abspath(place)
-    url = place.replace("::", _COLONS) if has_colons_in_names(place) else place
+    url = place.replace("::", _COLONS) if BagLocation(place).has_colons_in_names else place
     try:
-        with unreachable_as_error(place):
+        with BagLocation(place).unreachable_as_error():
             system, path = fsspec.core.url_to_fs(url, skip_instance_cache=fresh)
     except ImportError as error:  # no package for this protocol
         raise BagError(f"{place}: {error}") from None
@@ -63,12 +63,12 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
 
 def joined(place: str, *parts: str) -> str:
     """Return the local path or URL of the file or folder `parts` below the folder or URL `place`."""
-    return "/".join((place.rstrip("/") or "/", *parts)) if is_url(place) else os.path.join(place, *parts)
+    return "/".join((place.rstrip("/") or "/", *parts)) if BagLocation(place).is_url else os.path.join(place, *parts)
 
 
 def url_of(place: str, path: str) -> str:
     """Return the URL of a path that fsspec has found at `place`; the path itself if `place` is a local path."""
-    if not is_url(place) or is_url(path):
+    if not BagLocation(place).is_url or BagLocation(path).is_url:
         return path
     protocol = place.partition("://")[0]
     return f"{protocol}://{path if protocol == 'file' else path.lstrip('/')}"
@@ -78,7 +78,7 @@ class Output:
     """Output files that become visible together by `commit`; leaving the context without `commit` discards them."""
 
     def __init__(self, out: str) -> None:
-        self._system: Any = file_system(out, fresh=True)[0] if is_url(out) else None
+        self._system: Any = file_system(out, fresh=True)[0] if BagLocation(out).is_url else None
         self._transaction: Any = None
         self._partial: dict[str, str] = {}
         self._token = uuid4().hex[:12]
@@ -99,7 +99,7 @@ class Output:
             with open(self._partial[place], "xb") as stream:
                 yield stream
             return
-        with unreachable_as_error(place):
+        with BagLocation(place).unreachable_as_error():
             path = file_system(place)[1]
             if self._system.exists(path) and not may_replace(place):
                 raise BagError(f"{place} exists already")
@@ -113,7 +113,7 @@ class Output:
             os.replace(partial, place)
             del self._partial[place]
         if self._transaction is not None:
-            with unreachable_as_error("the file system"):
+            with BagLocation("the file system").unreachable_as_error():
                 transaction, self._transaction = self._transaction, None
                 transaction.complete()
 

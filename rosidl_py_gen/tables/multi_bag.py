@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.bags import BagError, BagWarning, DamagedPart, is_url, unreachable_as_error
+from rosidl_py_gen.bags import BagError, BagLocation, BagWarning, DamagedPart
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.bag_tasks import (
@@ -126,7 +126,7 @@ def write_datasets(
         RANGE_BYTES,
         choice.name if choice.is_explicit else None,
     )
-    place = str(out) if is_url(str(out)) else os.path.abspath(out)
+    place = str(out) if BagLocation(str(out)).is_url else os.path.abspath(out)
     job = _DatasetJob(place, options, overwrite, progress or _ignore, on_bytes or _ignore)
     sources, missing = find_bags(map(str, bags))
     job.report.failed.update(missing)
@@ -258,7 +258,7 @@ class _DatasetJob:
         for place in self._due:  # a bag or part without messages for the dataset has no files
             if place not in report.failed and self._name_of[place] not in report.files:
                 report.unchanged.append(self._name_of[place])
-        if not is_url(self._out):
+        if not BagLocation(self._out).is_url:
             remove_partial_files(self._out, self._name_of.values())
 
 
@@ -310,7 +310,7 @@ def find_bags(bags: Iterable[str]) -> tuple[list[BagSource], dict[str, str]]:
     failed: dict[str, str] = {}
     for bag in bags:
         try:
-            with unreachable_as_error(bag):
+            with BagLocation(bag).unreachable_as_error():
                 matches = _matches(bag)
         except (RosidlError, OSError) as error:
             failed[bag] = f"{bag}: there is no such bag" if isinstance(error, FileNotFoundError) else str(error)
@@ -320,7 +320,7 @@ def find_bags(bags: Iterable[str]) -> tuple[list[BagSource], dict[str, str]]:
 
 
 def _matches(bag: str) -> list[BagSource]:
-    place = bag if is_url(bag) else os.path.abspath(bag)
+    place = bag if BagLocation(bag).is_url else os.path.abspath(bag)
     system, path = file_system(place)
     system.invalidate_cache()
     if _WILDCARDS.isdisjoint(path) or system.exists(path):
@@ -385,5 +385,5 @@ def possible_names(places: Iterable[str]) -> set[str]:
 
 
 def _path_names(place: str) -> list[str]:
-    path = place.partition("://")[2] if is_url(place) else os.path.abspath(place)
+    path = place.partition("://")[2] if BagLocation(place).is_url else os.path.abspath(place)
     return [bag_name(part) for part in PurePath(path).parts if part.strip("/\\")] or ["bag"]

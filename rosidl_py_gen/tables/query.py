@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 from uuid import uuid4
 
-from rosidl_py_gen.bags import BagError, is_url, unreachable_as_error
+from rosidl_py_gen.bags import BagError, BagLocation
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import escape_json
@@ -48,28 +48,10 @@ could not replace."""
 _ROWS_PER_FETCH = 1000
 
 
-def find_sources(places: Iterable[str]) -> tuple[dict[str, str], list[str]]:
-    """Return the places of bags by unique names, and the places of datasets, at paths and URLs, which may have ``*``.
-
-    Raises `BagError` if nothing is at one of the places.
-    """
-    found: list[str] = []
-    for place in places:
-        if not is_url(place) and os.path.exists(place):
-            found.append(place)
-            continue
-        sources, failed = find_bags([place])
-        for reason in failed.values():
-            raise BagError(reason)
-        found += (one.place for one in sources)
-    datasets = [place for place in found if _is_dataset(place)]
-    return names_of(place for place in found if place not in datasets), datasets
-
-
 def _is_dataset(place: str) -> bool:
     """Return True if a folder or URL was written by `write_dataset`."""
     system, path = file_system(place)
-    with unreachable_as_error(place):
+    with BagLocation(place).unreachable_as_error():
         return bool(system.isdir(path)) and any(
             one.rstrip("/").rpartition("/")[2].startswith(f"{TOPIC}=") for one in system.ls(path, detail=False)
         )
@@ -112,6 +94,26 @@ class Database:
         self._files: dict[str, list[str]] = {}
         self._known: dict[str, tuple[str, int]] = {}
         self._in_datasets: dict[str, list[str]] = {}
+
+    @staticmethod
+    def find_sources(places: Iterable[str]) -> tuple[dict[str, str], list[str]]:
+        """Return the places of bags by unique names, and the places of datasets.
+
+        The searched places are paths and URLs, which may have ``*``.
+
+        Raises `BagError` if nothing is at one of the places.
+        """
+        found: list[str] = []
+        for place in places:
+            if not BagLocation(place).is_url and os.path.exists(place):
+                found.append(place)
+                continue
+            sources, failed = find_bags([place])
+            for reason in failed.values():
+                raise BagError(reason)
+            found += (one.place for one in sources)
+        datasets = [place for place in found if _is_dataset(place)]
+        return names_of(place for place in found if place not in datasets), datasets
 
     def add(
         self,
@@ -163,17 +165,18 @@ class Database:
 
     def _dataset_files(self, place: str) -> list[tuple[str, str]]:
         system, root = file_system(place)
-        if not is_url(place):  # hides parent folders, whose names DuckDB would parse for patterns, and a=b for columns
+        if not BagLocation(place).is_url:
+            # Hides parent folders, whose names DuckDB would parse for patterns, and a=b for columns.
             link = os.path.join(self._folder.name, f"dataset-{uuid4().hex}")
             os.symlink(root, link)
             root = link
         begin, files = len(root.rstrip("/")) + 1, []
-        with unreachable_as_error(place):
+        with BagLocation(place).unreachable_as_error():
             for path in sorted(system.find(root)):
                 key, _, topic = path[begin:].partition("/")[0].partition("=")
                 if key == TOPIC and path.endswith(".parquet"):
                     files.append((unquote(topic), url_of(place, path)))
-        if is_url(place):
+        if BagLocation(place).is_url:
             self._connection.register_filesystem(system)
         return files
 

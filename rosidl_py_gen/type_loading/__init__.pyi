@@ -1,7 +1,6 @@
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
 from rosidl_py_gen.type_loading.class_lookup import SearchFolders as SearchFolders
-from rosidl_py_gen.type_loading.class_lookup import class_of_registry as class_of_registry
 from rosidl_py_gen.type_loading.class_lookup import compile_definition as compile_definition
 from rosidl_py_gen.type_loading.class_lookup import definition_origin as definition_origin
 from rosidl_py_gen.type_loading.class_lookup import distribution_definitions as distribution_definitions
@@ -10,17 +9,13 @@ from rosidl_py_gen.type_loading.class_lookup import get_action as get_action
 from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
 from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
 from rosidl_py_gen.type_loading.class_lookup import load_compiler as load_compiler
-from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES as MAX_DESCRIPTION_BYTES
 from rosidl_py_gen.type_loading.disk_cache import CachedDescription as CachedDescription
-from rosidl_py_gen.type_loading.disk_cache import cache_problems as cache_problems
-from rosidl_py_gen.type_loading.disk_cache import cached_folder as cached_folder
-from rosidl_py_gen.type_loading.disk_cache import is_usable as is_usable
+from rosidl_py_gen.type_loading.disk_cache import CacheFolder as CacheFolder
 from rosidl_py_gen.type_loading.from_description import DescribedType as DescribedType
 from rosidl_py_gen.type_loading.from_description import DistributionVariants as DistributionVariants
+from rosidl_py_gen.type_loading.from_description import GeneratedDefinition as GeneratedDefinition
 from rosidl_py_gen.type_loading.from_description import definition_text as definition_text
 from rosidl_py_gen.type_loading.from_description import find_named_class as find_named_class
-from rosidl_py_gen.type_loading.from_description import generated_names as generated_names
-from rosidl_py_gen.type_loading.from_description import registry_of_generated_class as registry_of_generated_class
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR as RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.import_hook import FoundPackage as FoundPackage
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning as ImportHookWarning
@@ -30,4 +25,3 @@ from rosidl_py_gen.type_loading.install_rules import Install as Install
 from rosidl_py_gen.type_loading.scan_cache import cached as cached
 from rosidl_py_gen.type_loading.scan_cache import workspace_packages as workspace_packages
 from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup as PackageSetup
-from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments as SetupArguments

@@ -309,10 +309,10 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
     """Return True if the definition of a class of the default distribution is the same in the distribution `distro`."""
     if distro == Distribution.DEFAULT:
         return True
-    from rosidl_py_gen.compiler.frontend import changed_interfaces
+    from rosidl_py_gen.compiler.frontend import BundledInterfaces
 
     used = map(RosName.parse, (cls._TYPE.name, *referenced_classes(cls)))
-    changed = changed_interfaces(distro)
+    changed = BundledInterfaces.of(distro).changed
     return all(one._replace(name=one.name.partition("_")[0]) not in changed for one in used)
 
 
@@ -348,11 +348,11 @@ def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegi
 
     The registry is cached, so later changes of the files have no effect.
     """
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
 
     key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), Distribution.selected(distro))
     if key not in _registries:
-        _registries[key] = InterfaceRegistry(scan_search_path(path, distro=distro))
+        _registries[key] = InterfaceRegistry(SearchPath.scan(path, distro=distro))
     return _registries[key]
 
 
@@ -399,7 +399,7 @@ def load_compiler() -> None:
     import numpy  # noqa: F401
 
     from rosidl_py_gen.compiler.codegen import ModuleSources
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path  # noqa: F401
+    from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath  # noqa: F401
 
     ModuleSources.preload()
 

@@ -42,8 +42,6 @@ Parts = dict[str, str]
 _MAX_MODULES = 4000
 _MAX_FILE_BYTES = 16 << 20
 MAX_DESCRIPTIONS = 2000
-MAX_DESCRIPTION_BYTES = 1 << 20
-"""Maximum bytes of a cached type description with its sources; the descriptions of the largest actions have 50 kB."""
 _DESCRIPTION = ".cdr"
 
 
@@ -82,14 +80,6 @@ def _cache_problem(folder: Path) -> str:
     return problem if problem or folder == home else folder_trust.own_folder_reason(folder)
 
 
-def cache_problems() -> list[tuple[str, str]]:
-    """Return a text about each problem that keeps caches from being used, with advice for the user."""
-    home = _cache_home()
-    reasons = [] if home is None else [_cache_problem(home / kind) for kind in _KINDS]
-    text = f"the cache {home} is not used, so that no other user can make programs of this one run code"
-    return [(f"{text}: {reason}", _CURE) for reason in dict.fromkeys(filter(None, reasons))]
-
-
 def _usable_folder(kind: str) -> Path | None:
     """Return the folder for one kind of cached data, which may not exist yet; None if it must not be used."""
     home = _cache_home()
@@ -110,33 +100,45 @@ def _make_usable(folder: Path) -> str:
     return _cache_problem(folder)  # in a folder as /tmp another user may have been faster
 
 
-def cached_folder(kind: str, words: Iterable[object]) -> Path:
-    """Create the cache folder that belongs to some key words, with mode 0700, and return its path.
+class CacheFolder:
+    """Folder of one prefix or share folder in the caches, or a temporary replacement; other users cannot change it."""
 
-    If caches are disabled, or other users can change the folder of the caches, a temporary folder of this process is
-    returned; in the second case with a warning. Raises OSError if no folder can be created.
-    """
-    name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
-    home = _cache_home()
-    if home is not None:
-        problem = _make_usable(home / kind)
-        if not problem:
-            _claim(home / kind / name)
-            return home / kind / name
-        warn_once(problem)
-    folder = temporary_home() / kind / name
-    folder_trust.make_folder(folder)
-    return folder
+    def __init__(self, path: Path) -> None:
+        self.path = path
 
+    @classmethod
+    def create(cls, kind: str, words: Iterable[object]) -> CacheFolder:
+        """Create the folder that belongs to some key words, with mode 0700, unless it exists.
 
-def is_usable(folder: Path) -> bool:
-    """Return True if a folder that `cached_folder` returned exists, is in the caches, and cannot be entered by other
-    users.
-    """
-    home = _cache_home()
-    if home is None or folder.parent.parent != home or _cache_problem(folder.parent) or _cache_problem(folder):
-        return False
-    return _is_private(folder)
+        If caches are disabled, or other users can change the folder of the caches, the folder is a temporary folder of
+        this process; in the second case with a warning. Raises OSError if no folder can be created.
+        """
+        name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
+        home = _cache_home()
+        if home is not None:
+            problem = _make_usable(home / kind)
+            if not problem:
+                _claim(home / kind / name)
+                return cls(home / kind / name)
+            warn_once(problem)
+        folder = temporary_home() / kind / name
+        folder_trust.make_folder(folder)
+        return cls(folder)
+
+    def is_usable(self) -> bool:
+        """Return True if the folder exists, is in the caches, and cannot be entered by other users."""
+        home, above = _cache_home(), self.path.parent
+        if home is None or above.parent != home or _cache_problem(above) or _cache_problem(self.path):
+            return False
+        return _is_private(self.path)
+
+    @staticmethod
+    def problems() -> list[tuple[str, str]]:
+        """Return a text about each problem that keeps caches from being used, with advice for the user."""
+        home = _cache_home()
+        reasons = [] if home is None else [_cache_problem(home / kind) for kind in _KINDS]
+        text = f"the cache {home} is not used, so that no other user can make programs of this one run code"
+        return [(f"{text}: {reason}", _CURE) for reason in dict.fromkeys(filter(None, reasons))]
 
 
 def _is_private(folder: Path) -> bool:
@@ -320,6 +322,9 @@ def cache_folder() -> Path | None:
 class CachedDescription:
     """Type description with a RIHS01 hash in the cache, as encoded bytes, which are not checked."""
 
+    MAX_BYTES = 1 << 20
+    """Maximum bytes of a description with its sources; the descriptions of the largest actions have 50 kB."""
+
     def __init__(self, type_hash: str) -> None:
         self.type_hash = type_hash
 
@@ -349,13 +354,13 @@ class CachedDescription:
             return None
         try:
             with (folder / f"{self.type_hash}{_DESCRIPTION}").open("rb") as file:
-                data = file.read(MAX_DESCRIPTION_BYTES + 1)
+                data = file.read(self.MAX_BYTES + 1)
         except (OSError, ValueError):
             return None
-        return data if len(data) <= MAX_DESCRIPTION_BYTES else None
+        return data if len(data) <= self.MAX_BYTES else None
 
     def store(self, data: bytes) -> None:
         """Store the description, which removes the oldest descriptions if there are too many."""
         folder = cache_folder()
-        if folder is not None and len(data) <= MAX_DESCRIPTION_BYTES:
+        if folder is not None and len(data) <= self.MAX_BYTES:
             store_file(folder / f"{self.type_hash}{_DESCRIPTION}", data, max_files=MAX_DESCRIPTIONS)

@@ -17,7 +17,7 @@ import re
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.distributions import Distribution
@@ -42,19 +42,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rosidl_py_gen.base.descriptions import Description
-    from rosidl_py_gen.compiler.frontend import InterfaceRegistry
+    from rosidl_py_gen.compiler.frontend import DescribedInterface, InterfaceRegistry
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 _EVENT = "_Event"
 _EXPORTS = re.compile(r"__all__ = \[([^\]]*)\]")
-
-
-def _registry(
-    name: RosName, individuals: Mapping[str, Description], sources: Mapping[str, tuple[str, str]], is_service: bool
-) -> InterfaceRegistry:
-    from rosidl_py_gen.compiler.frontend import registry_from_descriptions
-
-    return registry_from_descriptions(name, individuals, sources, is_service)
 
 
 class DescribedType:
@@ -84,10 +76,42 @@ class DescribedType:
         self._name, self._individuals, self._is_service = name, individuals, is_service
         self._sources = {} if sources is None else sources
 
+    @classmethod
+    def of_class(cls, described: type[Any]) -> DescribedType:
+        """Return the type of a generated class, as the description of the class states it."""
+        name = RosName.parse(type_name(described))
+        individuals = TypeDescriptions.individuals(type_description(described))
+        return cls(str(name), individuals, is_service=name.kind == "srv" and "_" not in name.name)
+
+    @property
+    def name(self) -> RosName:
+        """Name of the type."""
+        return RosName.parse(self._name)
+
+    @property
+    def is_complete(self) -> bool:
+        """True if each message that the type's file states is described."""
+        return all(message in self._individuals for message in self.messages)
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """Names of the messages that the type's file states, without the messages that ROS derives from them."""
+        return self._interface.messages
+
+    @property
+    def _interface(self) -> DescribedInterface:
+        from rosidl_py_gen.compiler.frontend import DescribedInterface
+
+        return DescribedInterface(self.name, self._individuals, self._sources, self._is_service)
+
+    def registry(self) -> InterfaceRegistry:
+        """Return a checked registry with the type and all types that it refers to."""
+        return self._interface.registry()
+
     def hashes(self) -> dict[str, str]:
         """Return the RIHS01 hashes of the type and of all types that belong to it or that it refers to, by name."""
-        registry = _registry(RosName.parse(self._name), self._individuals, {}, self._is_service)
-        return registry.all_hashes(self._name)
+        without_sources = DescribedType(self._name, self._individuals, is_service=self._is_service)
+        return without_sources.registry().all_hashes(self._name)
 
     def load(self, path: SearchFolders = ()) -> type[Any]:
         """Return the class of the type, which is compiled unless a loaded or importable class has the same hash.
@@ -95,8 +119,7 @@ class DescribedType:
         Args:
             path: folders with interface packages, in which classes of the same hash are searched first.
         """
-        top = RosName.parse(self._name)
-        return class_of_registry(_registry(top, self._individuals, self._sources, self._is_service), top, path=path)
+        return class_of_registry(self.registry(), self.name, path=path)
 
 
 def definition_text(cls: type[Any]) -> str:
@@ -116,49 +139,60 @@ def definition_text(cls: type[Any]) -> str:
             name = name._replace(name=name.name.removesuffix(_EVENT))
         elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
-        registry = _registry(name, TypeDescriptions.individuals(type_description(cls)), {}, is_event)
+        individuals = TypeDescriptions.individuals(type_description(cls))
+        registry = DescribedType(str(name), individuals, is_service=is_event).registry()
     return DefinitionText(registry, registry.owner(name) or name).full
 
 
-def generated_names() -> dict[RosName, Path]:
-    """Return the interfaces of importable generated packages, each with its package folder, without importing them."""
-    found: dict[RosName, Path] = {}
-    current = [finder.folder for finder in sys.meta_path if isinstance(finder, GeneratedPackages)]
-    for entry in map(Path, [*sys.path, *current]):
-        try:
-            folders = [Path(one.path) for one in os.scandir(entry) if one.name.isidentifier()]
-        except OSError:  # a zip file, or nothing
-            continue
-        for folder, kind in ((folder, kind) for folder in folders for kind in RosName.KINDS):
-            file = folder / kind / "__init__.py"
-            if GeneratedCode.is_file(file):
-                exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
-                stems = re.findall(r'"([A-Za-z0-9]+)_?"', exports[1]) if exports else []
-                for stem in stems:
-                    found.setdefault(RosName(folder.name, kind, stem), folder)
-    return found
+class GeneratedDefinition(NamedTuple):
+    """Definition of an importable generated class.
 
-
-def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, str] | None:
-    """Return the definition of an importable generated class with the name ``pkg/kind/Name``, or ``pkg/Name``.
-
-    Returns:
-        A registry with the definition, its full name, and a note about its origin; None if no such class can be
-            imported.
+    Attributes:
+        registry: registry with the definition.
+        name: full name of the type.
+        note: text about the origin of the definition.
     """
-    for kind in RosName.KINDS if text.count("/") == 1 else ("msg",):
-        try:
-            name = RosName.parse(text, kind)
-        except InvalidNameError:
-            return None
-        cls = find_installed_class(name, "")
-        if cls is not None:
-            individuals = TypeDescriptions.individuals(type_description(cls))
-            is_service = name.kind == "srv" and "_" not in name.name
-            file = import_module(cls.__module__).__file__ or ""
-            note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"
-            return _registry(name, individuals, {}, is_service), name, f"{note}, without comments and constants"
-    return None
+
+    registry: InterfaceRegistry
+    name: RosName
+    note: str
+
+    @classmethod
+    def find(cls, text: str) -> GeneratedDefinition | None:
+        """Return the definition of the class with the name ``pkg/kind/Name``, or ``pkg/Name``; None if no such class
+        can be imported.
+        """
+        for kind in RosName.KINDS if text.count("/") == 1 else ("msg",):
+            try:
+                name = RosName.parse(text, kind)
+            except InvalidNameError:
+                return None
+            found = find_installed_class(name, "")
+            if found is not None:
+                file = import_module(found.__module__).__file__ or ""
+                note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"
+                registry = DescribedType.of_class(found).registry()
+                return cls(registry, name, f"{note}, without comments and constants")
+        return None
+
+    @staticmethod
+    def names() -> dict[RosName, Path]:
+        """Return the interfaces of importable generated packages, each with its package folder; imports nothing."""
+        found: dict[RosName, Path] = {}
+        current = [finder.folder for finder in sys.meta_path if isinstance(finder, GeneratedPackages)]
+        for entry in map(Path, [*sys.path, *current]):
+            try:
+                folders = [Path(one.path) for one in os.scandir(entry) if one.name.isidentifier()]
+            except OSError:  # a zip file, or nothing
+                continue
+            for folder, kind in ((folder, kind) for folder in folders for kind in RosName.KINDS):
+                file = folder / kind / "__init__.py"
+                if GeneratedCode.is_file(file):
+                    exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
+                    stems = re.findall(r'"([A-Za-z0-9]+)_?"', exports[1]) if exports else []
+                    for stem in stems:
+                        found.setdefault(RosName(folder.name, kind, stem), folder)
+        return found
 
 
 class DistributionVariants:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from pathlib import Path
 
-from rosidl_py_gen.compiler.frontend import UNKNOWN, CMakeScript, inside
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageFiles
 
 _LIST_END = re.compile(
     "DESTINATION|((FILE|DIRECTORY|USE_SOURCE)_)?PERMISSIONS|CONFIGURATIONS|COMPONENT|RENAME|OPTIONAL|TYPE|PATTERN|REGEX"
@@ -45,7 +45,7 @@ class Install:
     def files(self) -> Iterator[tuple[str, str]]:
         """Yield two paths for each existing file that the rule installs: below `destination`, and below `folder`."""
         for path in self.paths:
-            place = inside(path)
+            place = PackageFiles.inside(path)
             exists = Path.exists if self.kind == "DIRECTORY" else Path.is_file
             if place is None or not exists(self.folder / place):
                 continue
@@ -67,7 +67,7 @@ class Install:
                 continue
             paths = tuple(takewhile(lambda text: not _LIST_END.fullmatch(text), texts[1:]))
             options = dict(pairwise(texts))
-            destination = options.get("DESTINATION", UNKNOWN)
+            destination = options.get("DESTINATION", CMakeScript.UNKNOWN)
             named = zip(texts, texts[1:], [*texts[2:], ""], strict=False)
             filters = tuple((pattern, after == "EXCLUDE") for word, pattern, after in named if word == "PATTERN")
             only_matching = "FILES_MATCHING" in texts and "REGEX" not in texts
@@ -79,13 +79,13 @@ class Install:
     def of_data_files(cls, folder: Path, rows: object) -> list[Install]:
         """Return the install rules for the argument `data_files` of a setup.py, whose value is `rows`.
 
-        Paths that cannot be determined are UNKNOWN.
+        Paths that cannot be determined are `CMakeScript.UNKNOWN`.
         """
         tops = [os.path.join(os.path.abspath(folder), ""), os.path.join(os.path.realpath(folder), "")]
 
         def source(path: object) -> str:
             if not isinstance(path, str):
-                return UNKNOWN
+                return CMakeScript.UNKNOWN
             return next((path[len(top) :] for top in tops if path.startswith(top)), path)
 
         found = []
@@ -97,7 +97,7 @@ class Install:
                 case str(path):  # a file at the top of the prefix
                     found.append(cls(folder, "FILES", (source(path),), "."))
                 case _:
-                    found.append(cls(folder, "FILES", (UNKNOWN,), UNKNOWN))
+                    found.append(cls(folder, "FILES", (CMakeScript.UNKNOWN,), CMakeScript.UNKNOWN))
         return found
 
 

@@ -20,12 +20,9 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend import (
     Package,
+    ReadPaths,
     SearchPath,
     Workspace,
-    note,
-    recorded,
-    scan_search_path,
-    stamp,
 )
 from rosidl_py_gen.errors import Diagnostic
 from rosidl_py_gen.type_loading import disk_cache
@@ -62,10 +59,10 @@ def search(path: Sequence[str], workspace: Workspace | None, choice: Distributio
         top, is_default = DataFolders.interfaces(), choice.name == Distribution.DEFAULT
         bundled = [top] if is_default else [place for place, *_ in os.walk(top)]
         for place in (*sys.path, *bundled):
-            note(place)
+            ReadPaths.note(place)
         # A copy as in `workspace_packages`.
         folders = _folders(path, None if workspace is None else replace(workspace))
-        found = scan_search_path(folders, distro=choice.name if choice.is_explicit else None)
+        found = SearchPath.scan(folders, distro=choice.name if choice.is_explicit else None)
         rows = [[_row(package) for package in packages] for packages in (found.packages.values(), found.hidden)]
         refused = {name: (one.path, one.line, one.column, one.text) for name, one in found.refused.items()}
         return folders, *rows, found.searched, refused
@@ -117,10 +114,9 @@ def cached(settings: object, scan: Callable[[], Any]) -> Any:
     file = folder / f"{disk_cache.digest(words.encode(errors='surrogatepass'))}.scan"
     with suppress(OSError, ValueError, EOFError, TypeError):
         stamps, result = marshal.loads(disk_cache.read_checked(file))
-        if all(stamp(path) == old for path, old in stamps.items()):
+        if ReadPaths(stamps).are_unchanged():
             return result
-    stamps, result = recorded(scan)
-    newest = max((max(one[:2]) for one in stamps.values() if one is not None), default=0)
-    if newest < time_ns() - MIN_AGE_NS:
-        disk_cache.store_checked(file, marshal.dumps((stamps, result)), max_files=_MAX_FILES)
+    read, result = ReadPaths.of(scan)
+    if read.newest_ns < time_ns() - MIN_AGE_NS:
+        disk_cache.store_checked(file, marshal.dumps((read.stamps, result)), max_files=_MAX_FILES)
     return result

@@ -17,9 +17,9 @@ from pathlib import Path
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
-from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError, read_text
+from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.type_loading.disk_cache import cached_folder
+from rosidl_py_gen.type_loading.disk_cache import CacheFolder
 from rosidl_py_gen.type_loading.install_rules import Install, entry_names
 from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup, SetupFilesError
 
@@ -51,7 +51,7 @@ def share_folder(
     if is_same:
         return folder
     try:
-        made = cached_folder("share", (folder, *(interfaces or {}).values())) / name
+        made = CacheFolder.create("share", (folder, *(interfaces or {}).values())).path / name
         make_folder(made)
         _link(tree, made, [_MAX_ENTRIES])
     except OSError:  # links are not permitted, as on Windows
@@ -69,7 +69,7 @@ def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Itera
     uncertain = ""
     try:
         if (folder / "CMakeLists.txt").is_file():
-            installs += Install.of_cmake(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
+            installs += Install.of_cmake(folder, CMakeScript.read(folder, budget))
     except UnreadableError as error:
         text = f"{name}: what {display_path(folder / 'CMakeLists.txt')} installs is not known: {error}"
         problem(f"{text}; the share folder has all files of the package at their places in the sources")

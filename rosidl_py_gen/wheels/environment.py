@@ -146,6 +146,51 @@ class Installer:
             str(requirements),
         )
 
+    @classmethod
+    def install_packages(cls, search: SearchPath, wanted: list[str], *, force: bool = False) -> list[str]:
+        """Make wheels of packages and of their dependencies, install them, and return ``name version`` of each.
+
+        Args:
+            search: search path of the packages.
+            wanted: names of packages; empty for all.
+            force: replace packages of other tools, also if rclpy is importable.
+
+        Raises:
+            OutputError: rclpy or a package of another tool conflicts, the environment has no pip or uv, or it failed.
+            DefinitionError: a package is not on the search path, or its package.xml or a definition is missing or
+                invalid.
+        """
+        installer = cls.of_environment()
+        search = with_bundled(search, wanted)
+        with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
+            built = build(search, wanted or [*search.packages], Path(folder))
+            if not force:
+                _check_no_conflict([one.path.name.split("-")[0] for one in built])
+            installer.install(*(one.path for one in built))
+            return [" ".join(one.path.name.split("-")[:2]) for one in built]
+
+    @classmethod
+    def uninstall_packages(cls, packages: Sequence[str] = (), *, force: bool = False) -> list[str]:
+        """Uninstall message packages (all if `packages` is empty), and return their names.
+
+        Modified packages are uninstalled only with `force`.
+
+        Raises `OutputError` if a package is not installed or has modified files, or pip or uv is missing or failed.
+        """
+        known = installed_packages()
+        for name in packages:
+            if name not in known:
+                raise OutputError(
+                    f"{name} is not installed as a wheel of rosidl-py-gen; expected one of {_listed(known)}"
+                )
+        chosen = sorted({*packages} or {*known})
+        if not chosen:
+            return []
+        if not force and (changed := [text for name in chosen for text in _modified_files(known[name])]):
+            raise OutputError(f"modified since the installation: {_listed(changed)}; --force removes them")
+        cls.of_environment().uninstall(*(known[name].metadata["Name"] for name in chosen))
+        return chosen
+
     def _run(self, action: str, *command: str) -> None:
         # In an empty folder: ``python -m`` imports modules of the current folder first.
         with TemporaryDirectory(prefix="rosidl-py-gen-empty-") as empty:
@@ -193,46 +238,6 @@ def installed_packages() -> dict[str, Distribution]:
             if entry.group == InstalledInterfaces.ENTRY_POINTS:
                 found.setdefault(entry.name, one)
     return found
-
-
-def install(search: SearchPath, wanted: list[str], *, force: bool = False) -> list[str]:
-    """Make wheels of packages and of their dependencies, install them, and return ``name version`` of each.
-
-    Args:
-        search: search path of the packages.
-        wanted: names of packages; empty for all.
-        force: replace packages of other tools, also if rclpy is importable.
-
-    Raises:
-        OutputError: rclpy or a package of another tool conflicts, the environment has no pip or uv, or it failed.
-        DefinitionError: a package is not on the search path, or its package.xml or a definition is missing or invalid.
-    """
-    installer = Installer.of_environment()
-    search = with_bundled(search, wanted)
-    with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
-        built = build(search, wanted or [*search.packages], Path(folder))
-        if not force:
-            _check_no_conflict([one.path.name.split("-")[0] for one in built])
-        installer.install(*(one.path for one in built))
-        return [" ".join(one.path.name.split("-")[:2]) for one in built]
-
-
-def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]:
-    """Uninstall message packages (all if `packages` is empty), modified ones only with `force`; return their names.
-
-    Raises `OutputError` if a package is not installed or has modified files, or pip or uv is missing or failed.
-    """
-    known = installed_packages()
-    for name in packages:
-        if name not in known:
-            raise OutputError(f"{name} is not installed as a wheel of rosidl-py-gen; expected one of {_listed(known)}")
-    chosen = sorted({*packages} or {*known})
-    if not chosen:
-        return []
-    if not force and (changed := [text for name in chosen for text in _modified_files(known[name])]):
-        raise OutputError(f"modified since the installation: {_listed(changed)}; --force removes them")
-    Installer.of_environment().uninstall(*(known[name].metadata["Name"] for name in chosen))
-    return chosen
 
 
 def _check_no_conflict(packages: list[str]) -> None:

@@ -19,7 +19,6 @@ from zipfile import BadZipFile, ZipFile
 
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, LibraryWheel
 from rosidl_py_gen.wheels.build import write_wheel
 from rosidl_py_gen.wheels.environment import Installer
 
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     import os
 
 _PACKAGE = "rosidl_libddsc"
-_LICENSE = f"cyclonedds-{LibraryWheel.VERSION}.dist-info/licenses/LICENSE"
+_LICENSE = f"cyclonedds-{library.LibraryWheel.VERSION}.dist-info/licenses/LICENSE"
 _MAX_WHEEL_BYTES = 64 << 20
 """Maximum number of bytes read from a wheel that the user gives as a file; wheels of cyclonedds have at most 8 MB."""
 _MAX_CAUSE_CHARS = 400
@@ -78,7 +77,7 @@ def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
     return InstalledLibrary(wheel.VERSION, wheel.file, _check(wheel))
 
 
-def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
+def fetch(wheel: library.LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
     """Download a wheel of cyclonedds by pip or uv, and return the bytes of libddsc and of the licence in it.
 
     Raises `OutputError` if the download fails or the wheel lacks a file.
@@ -88,7 +87,7 @@ def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
     if installer.name == "uv" and not library.has_gil_build():
         raise OutputError(
             "libddsc: uv selects only wheels for a free-threaded Python here, and cyclonedds has none; expected pip, "
-            f"which can select others: `uv pip install pip`, then `{LIBRARY_COMMAND}`"
+            f"which can select others: `uv pip install pip`, then `{library.LIBRARY_COMMAND}`"
         )
     requirements.write_text(f"cyclonedds=={wheel.VERSION} --hash=sha256:{wheel.sha256}\n", encoding="utf-8")
     try:
@@ -96,7 +95,7 @@ def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
     except OutputError as error:
         raise OutputError(
             f"libddsc: {_cause(str(error), wheel)}; check the settings of the index, or get {wheel.file} in another "
-            f"way and run `{LIBRARY_COMMAND} --from {wheel.file}`"
+            f"way and run `{library.LIBRARY_COMMAND} --from {wheel.file}`"
         ) from None
     try:
         return (target / wheel.member).read_bytes(), (target / _LICENSE).read_bytes()
@@ -104,7 +103,7 @@ def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
         raise OutputError(f"libddsc: {wheel.file} has no {error.filename}; expected {wheel.member}") from error
 
 
-def _cause(output: str, wheel: LibraryWheel) -> str:
+def _cause(output: str, wheel: library.LibraryWheel) -> str:
     """Return the cause of a failed download in one line, extracted from the output of pip or uv."""
     digests = [one for one in re.findall(r"\b[0-9a-f]{64}\b", output) if one != wheel.sha256]
     if "hash" in output.lower() and digests:
@@ -115,7 +114,7 @@ def _cause(output: str, wheel: LibraryWheel) -> str:
     return f"the package index cannot be reached or has no {wheel.file}: {reason[:_MAX_CAUSE_CHARS]}"
 
 
-def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
+def read(wheel: library.LibraryWheel, file: Path) -> tuple[bytes, bytes]:
     """Return the bytes of libddsc and of the licence in a wheel of cyclonedds on disk.
 
     Raises `OutputError` if `file` cannot be read or has another SHA-256 than recorded.
@@ -137,7 +136,7 @@ def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
         raise OutputError(f"{file}: {error}; expected a wheel with {wheel.member}") from error
 
 
-def build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Path:
+def build(wheel: library.LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Path:
     """Write the wheel ``rosidl-libddsc`` into a folder and return its path.
 
     Args:
@@ -160,7 +159,7 @@ def build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Pa
     return write_wheel(folder, _PACKAGE, files, metadata)
 
 
-def _check(wheel: LibraryWheel) -> str:
+def _check(wheel: library.LibraryWheel) -> str:
     """Load the newly installed library libddsc, and return its path; raises `OutputError` if it cannot be loaded."""
     import importlib
 

@@ -12,7 +12,7 @@ from rosidl_py_gen import from_dict
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
 from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription,
@@ -39,7 +39,7 @@ class Told:
 
     def __init__(self, name: str, text: str, **others: str) -> None:
         self.name, self.text = name, text
-        self.library = InterfaceRegistry(scan_search_path((), ament=""))
+        self.library = InterfaceRegistry(SearchPath.scan((), ament=""))
         for full_name, body in {name: text, **others}.items():
             part = RosName.parse(full_name)
             self.library.add_text(part, SourceText(full_name, body, part.kind))

@@ -10,7 +10,7 @@ from typing import Any
 
 from rosidl_py_gen import Message, get_message
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, select
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from support.reference_cdr import Reference
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -44,7 +44,7 @@ def vectors_by_type() -> dict[str, list[Vector]]:
 @lru_cache(maxsize=1)
 def library() -> InterfaceRegistry:
     """The bundled interfaces and those below tests/interfaces."""
-    return InterfaceRegistry(scan_search_path(_SEARCH, ament=""))
+    return InterfaceRegistry(SearchPath.scan(_SEARCH, ament=""))
 
 
 def reference() -> Reference:

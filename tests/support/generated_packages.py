@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from rosidl_py_gen.base.resources import DataFolders
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import generate
 
 PACKAGES = [
@@ -22,5 +22,5 @@ PACKAGES = [
 ]
 GENERATED = tempfile.TemporaryDirectory(prefix="runtime-tests-")
 atexit.register(GENERATED.cleanup)
-generate(scan_search_path([DataFolders.interfaces()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
+generate(SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)

@@ -19,7 +19,7 @@ from rosidl_py_gen.compiler.codegen.module_sources import ModuleSources
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import GenerationResult, generate
 from rosidl_py_gen.errors import DefinitionError
 from support.environments import require
@@ -70,7 +70,7 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
     Raises:
         DefinitionError: as a run of the compiler would.
     """
-    library = InterfaceRegistry(scan_search_path([DataFolders.interfaces()], ament="", bundled=False))
+    library = InterfaceRegistry(SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False))
     names = [RosName.parse(name) for name in definitions]
     for name, text in zip(names, definitions.values(), strict=True):
         library.add_text(name, SourceText(f"<{name}>", text, name.kind))
@@ -98,7 +98,7 @@ def problems_of(folder: Path, wanted: list[str] | None = None) -> list[str]:
 
 def run(folder: Path, out: Path, wanted: list[str] | None = None) -> GenerationResult:
     """Generate what a folder of packages defines (and what it needs of the bundled packages) into `out`."""
-    search = scan_search_path([folder], ament="")
+    search = SearchPath.scan([folder], ament="")
     packages = (
         wanted if wanted is not None else [name for name, one in search.packages.items() if one.origin != "bundled"]
     )

@@ -34,7 +34,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     SourceText,
 )
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import InvalidNameError
 from support.environments import cache_folder, environment
 
@@ -209,7 +209,7 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
 
 @lru_cache(maxsize=1)
 def _search() -> SearchPath:
-    return scan_search_path([DataFolders.interfaces()], ament="", bundled=False)
+    return SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False)
 
 
 def type_names(interface: Interface) -> list[str]:

@@ -17,7 +17,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
-from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
+from rosidl_py_gen.bags.remote import BagLocation, local_copy
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.mcap_records import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
@@ -70,7 +70,7 @@ def open_files(
     """
     storages: list[Storage] = []
     progress = progress or ReadingProgress()
-    with unreachable_as_error(path):
+    with BagLocation(path).unreachable_as_error():
         files, may_compress_messages, metadata = _files_of(path)
         progress.total += sum(file.stat().st_size for file in files if file.suffix == SUFFIX and file.exists())
         for file in files:

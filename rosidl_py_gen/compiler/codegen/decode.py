@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_VALUE, WSTRING_UNIT_BYTES
+from rosidl_py_gen.cdr.layout import WSTRING_UNIT_BYTES, Header
 from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus, read_string
@@ -87,7 +87,7 @@ class _DecoderEmitter:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
     def at(self, start: layout_plan.AlignmentState) -> str:
-        return "pos" if start.static is None else str(start.static + HEADER_BYTES)
+        return "pos" if start.static is None else str(start.static + Header.SIZE)
 
     def scope(self, steps: Sequence[layout_plan.LayoutStep], keep_pos: bool) -> list[str]:
         """Return the statements that decode a list of layout steps.
@@ -161,11 +161,11 @@ class _DecoderEmitter:
 
         If `count` is not empty, the statement aligns only if the number of elements is not 0.
         """
-        # `align_offset`; up to the size of the header the header does not matter.
+        # `Header.align`; up to the size of the header the header does not matter.
         name, more = ("end", 1) if self.is_after_string else ("pos", 0)
         self.is_after_string = False
-        if align > HEADER_BYTES:
-            expression = f"({name} + {align - 1 - HEADER_BYTES + more} & -{align}) + {HEADER_BYTES}"
+        if align > Header.SIZE:
+            expression = f"({name} + {align - 1 - Header.SIZE + more} & -{align}) + {Header.SIZE}"
         else:
             expression = f"{name} + {align - 1 + more} & -{align}"
         self.move_if(count, expression, out)
@@ -212,7 +212,7 @@ class _DecoderEmitter:
         if self.header:
             self.header = False
             arguments = ", None, arrays" if self.structured_arrays else ""
-            out.append(f"if head != {HEADER_VALUE}:  # the bytes 00 01")
+            out.append(f"if head != {Header.VALUE}:  # the bytes 00 01")
             out.append(f"    return decode_slow(cls, data, copy{arguments})")
         out += arrays
         if needed and at == "pos":

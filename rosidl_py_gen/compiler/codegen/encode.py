@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.cdr.layout import HEADER, HEADER_VALUE, MAX_ALIGN, NUL
+from rosidl_py_gen.cdr.layout import MAX_ALIGN, NUL, Header
 from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus
@@ -50,7 +50,7 @@ def encoder_view(
     body: list[str] = []
     if emitter.header and not isinstance(first, layout_plan.PackedRun):
         emitter.header = False
-        emitter.segment(_literal(HEADER), body)
+        emitter.segment(_literal(Header.BYTES), body)
     body += emitter.scope(plan.steps, keep_pos=plan.outlined)
     segments = emitter.segments
     if collect:
@@ -213,7 +213,7 @@ class _EncoderEmitter:
         if self.header:
             self.header = False
             code = HEADER_CODE + code
-            arguments.append(str(HEADER_VALUE))
+            arguments.append(str(Header.VALUE))
         for item in run.items:
             match item:
                 case layout_plan.Scalar(ref, "?", _):

@@ -7,7 +7,7 @@ another distribution that differ or are new, and ``absent.txt`` with the package
 from __future__ import annotations
 
 import os
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,44 +47,75 @@ class _Difference(NamedTuple):
     absent: frozenset[str]
 
 
-def bundled_packages(distro: str) -> dict[str, BundledFiles]:
-    """Return the bundled packages of a distribution by name.
+class BundledInterfaces:
+    """Bundled interfaces of a distribution; `of` creates and caches them."""
 
-    Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
-    True for their interfaces.
-    """
-    top = DataFolders.interfaces()
-    packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
-    for layer in _layers(distro):
-        difference = _difference(layer)
-        absent_names = difference.absent
-        for name in absent_names - _NEEDED:
-            packages.pop(name, None)
-        changed = {name.package for name in difference.files} | {name.partition("/")[0] for name in absent_names}
-        for package in sorted(changed):
-            old = packages.get(package)
-            if old is None and package not in difference.folders:
-                continue
-            folder = old.folder if old else difference.folders[package]
-            files = dict((old.files or files_below(package, old.folder)) if old else {})
-            files.update({name: path for name, path in difference.files.items() if name.package == package})
-            files = {name: path for name, path in files.items() if str(name) not in absent_names}
-            packages[package] = BundledFiles(folder, dict(sorted(files.items())))
-    return packages
+    def __init__(self, distro: str) -> None:
+        self._distro = distro
 
+    @classmethod
+    @cache
+    def of(cls, distro: str) -> BundledInterfaces:
+        """Return the bundled interfaces of a distribution."""
+        return cls(distro)
 
-def is_absent(name: RosName, distro: str) -> bool:
-    """Return True for an interface that `bundled_packages` returns although the distribution lacks its package."""
-    return any(name.package in _difference(layer).absent for layer in _layers(distro))
+    @cached_property
+    def packages(self) -> dict[str, BundledFiles]:
+        """Bundled packages by name.
 
+        Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
+        True for their interfaces.
+        """
+        top = DataFolders.interfaces()
+        packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
+        for layer in self._layers:
+            difference = _difference(layer)
+            absent_names = difference.absent
+            for name in absent_names - _NEEDED:
+                packages.pop(name, None)
+            changed = {name.package for name in difference.files} | {name.partition("/")[0] for name in absent_names}
+            for package in sorted(changed):
+                old = packages.get(package)
+                if old is None and package not in difference.folders:
+                    continue
+                folder = old.folder if old else difference.folders[package]
+                files = dict((old.files or files_below(package, old.folder)) if old else {})
+                files.update({name: path for name, path in difference.files.items() if name.package == package})
+                files = {name: path for name, path in files.items() if str(name) not in absent_names}
+                packages[package] = BundledFiles(folder, dict(sorted(files.items())))
+        return packages
 
-@cache
-def changed_interfaces(distro: str) -> frozenset[RosName]:
-    """Return the interfaces that a distribution added, removed or changed relative to the default distribution."""
-    if distro == Distribution.DEFAULT:
-        return frozenset()
-    own, default = _paths(distro), _paths(Distribution.DEFAULT)
-    return frozenset(name for name in own.keys() | default.keys() if own.get(name) != default.get(name))
+    def is_absent(self, name: RosName) -> bool:
+        """Return True for an interface in `packages` whose package the distribution lacks."""
+        return any(name.package in _difference(layer).absent for layer in self._layers)
+
+    @cached_property
+    def changed(self) -> frozenset[RosName]:
+        """Interfaces that the distribution added, removed or changed relative to the default distribution."""
+        if self._distro == Distribution.DEFAULT:
+            return frozenset()
+        own, default = self.paths, self.of(Distribution.DEFAULT).paths
+        return frozenset(name for name in own.keys() | default.keys() if own.get(name) != default.get(name))
+
+    @cached_property
+    def paths(self) -> dict[RosName, Path]:
+        """Files of all interfaces by name."""
+        found: dict[RosName, Path] = {}
+        for package, (folder, files) in self.packages.items():
+            found.update(files_below(package, folder) if files is None else files)
+        return {name: path for name, path in found.items() if not self.is_absent(name)}
+
+    @property
+    def _layers(self) -> list[str]:
+        """Distributions whose stored differences, applied in this order to the default definitions, give the
+        definitions of this distribution.
+        """
+        found: list[str] = []
+        distro = self._distro
+        while distro != Distribution.DEFAULT:
+            found.insert(0, distro)
+            distro = _BASES[distro]
+        return found
 
 
 def other_distributions_note(package: str, name: RosName | None = None) -> str:
@@ -92,24 +123,16 @@ def other_distributions_note(package: str, name: RosName | None = None) -> str:
 
     Returns "" if no distribution has it.
     """
-    having = [
-        distro
-        for distro in Distribution.BUNDLED
-        if (name in _paths(distro) if name else any(one.package == package for one in _paths(distro)))
-    ]
+    having = []
+    for distro in Distribution.BUNDLED:
+        paths = BundledInterfaces.of(distro).paths
+        if name in paths if name else any(one.package == package for one in paths):
+            having.append(distro)
     if not having:
         return ""
     *others, last = having
     names = f"{', '.join(others)} and {last}" if others else last
     return f"; it is part of {names} only: select that with --distro, distro= or ROS_DISTRO"
-
-
-@cache
-def _paths(distro: str) -> dict[RosName, Path]:
-    found: dict[RosName, Path] = {}
-    for package, (folder, files) in bundled_packages(distro).items():
-        found.update(files_below(package, folder) if files is None else files)
-    return {name: path for name, path in found.items() if not is_absent(name, distro)}
 
 
 def files_below(package: str, folder: Path) -> dict[RosName, Path]:
@@ -119,17 +142,6 @@ def files_below(package: str, folder: Path) -> dict[RosName, Path]:
         for kind in RosName.KINDS
         for path in sorted((folder / kind).glob(f"*.{kind}"))
     }
-
-
-def _layers(distro: str) -> list[str]:
-    """Return the distributions whose stored differences, applied in this order to the default definitions, give a
-    distribution's definitions.
-    """
-    found: list[str] = []
-    while distro != Distribution.DEFAULT:
-        found.insert(0, distro)
-        distro = _BASES[distro]
-    return found
 
 
 @cache

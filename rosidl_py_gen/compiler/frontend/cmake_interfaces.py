@@ -12,16 +12,10 @@ from pathlib import Path
 
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.resources import GeneratedCode
-from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
+from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, CMakeArgument, CMakeScript
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, nested_types
-from rosidl_py_gen.compiler.frontend.package_files import (
-    UnreadableError,
-    files_below,
-    interface_name,
-    is_of_package,
-    read_text,
-)
+from rosidl_py_gen.compiler.frontend.package_files import PackageFiles, UnreadableError, interface_name
 from rosidl_py_gen.errors import Diagnostic, display_path
 
 
@@ -40,10 +34,11 @@ class CMakeInterfaceList:
         self.problems: list[Diagnostic] = []
         self.notes: list[Diagnostic] = []
         self._package, self._folder = package, folder
+        self._package_files = PackageFiles(folder)
         self._text = ""
         self._paths: dict[RosName, dict[str, int]] = {}  # paths of an interface, and where they are listed
         try:
-            self._text = read_text(folder, "CMakeLists.txt")
+            self._text = self._package_files.read_text("CMakeLists.txt")
             self._add_listed()
         except UnreadableError as error:
             # A wrong entry of a list that is not used is no problem.
@@ -62,7 +57,7 @@ class CMakeInterfaceList:
         doubts: list[tuple[int, str]] = []
         for is_certain, files in listed:
             for word in files:
-                if word.text == UNKNOWN:
+                if word.text == CMakeScript.UNKNOWN:
                     doubts.append((word.offset, f"{GENERATE}() has no list of literal names and globs"))
                     continue
                 # If a build skips one of several calls, their lists have to agree.
@@ -76,9 +71,9 @@ class CMakeInterfaceList:
 
     def _add(self, word: CMakeArgument, may_be_created: bool) -> None:
         base, colon, relative = word.text.rpartition(":")  # an absolute base folder may precede
-        path = inside(posixpath.join(base, relative) if colon else relative)
+        path = PackageFiles.inside(posixpath.join(base, relative) if colon else relative)
         name = interface_name(self._package, relative)
-        if path is None or not is_of_package(self._folder, path):
+        if path is None or not self._package_files.owns(path):
             self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
         elif name is None and not GeneratedCode.is_file(self._folder / path):  # a glob may match generated files
             self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
@@ -97,8 +92,8 @@ class CMakeInterfaceList:
         self.complete = False
         self._report(self.notes, reason.offset, f"{reason}; all interface files below the package folder are used")
         try:
-            for path in files_below(self._folder):
-                if (name := interface_name(self._package, path)) and is_of_package(self._folder, path):
+            for path in self._package_files.paths():
+                if (name := interface_name(self._package, path)) and self._package_files.owns(path):
                     self._paths.setdefault(name, {}).setdefault(path, -1)
         except UnreadableError as error:
             self._report(self.problems, -1, str(error))

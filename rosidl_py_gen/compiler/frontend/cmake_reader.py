@@ -21,7 +21,7 @@ from fnmatch import fnmatchcase
 from itertools import pairwise, takewhile, zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.compiler.frontend.package_files import PackageBudget, UnreadableError, files_below, read_text
+from rosidl_py_gen.compiler.frontend.package_files import PackageBudget, PackageFiles, UnreadableError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -202,8 +202,6 @@ def _compare(left: _Item, name: str, right: _Item, lookup: Lookup) -> bool | Non
 
 
 GENERATE = "rosidl_generate_interfaces"
-UNKNOWN = "\0"
-"""Value of an argument of a CMake command that cannot be determined."""
 
 _TOKEN = re.compile(
     r'#?\[(?P<level>=*)\[(?P<raw>.*?)(?:\](?P=level)\]|\Z)|#[^\n]*|"(?P<quoted>[^"\\]*(?:\\.[^"\\]*)*)("|\Z)|[()]'
@@ -244,14 +242,13 @@ _GLOB_OPTIONS = {"RELATIVE": 2, "LIST_DIRECTORIES": 2, "CONFIGURE_DEPENDS": 1, "
 """Options of CMake's `file(GLOB)`, each with the number of words that it takes."""
 _MAX_STARS = 4
 _INCLUDES_FILE = re.compile(r"\binclude\s*\([^()]*[./$]", re.IGNORECASE)
-_MAX_PATH = 4096
 
 
 class CMakeArgument(NamedTuple):
     """Argument of a CMake command, or element of a CMake list.
 
     Attributes:
-        text: text, or UNKNOWN.
+        text: text, or `CMakeScript.UNKNOWN`.
         offset: offset in the file.
         certain: True if every build has the element there.
         quote: `"` for a quoted argument, `[` for a bracket argument, or empty.
@@ -310,6 +307,9 @@ class CMakeScript:
     branch, or if the name is unknown. A call of `add_subdirectory` is listed if that folder has install rules.
     """
 
+    UNKNOWN = "\0"
+    """Value of an argument of a CMake command that cannot be determined."""
+
     def __init__(self, folder: Path, text: str, budget: PackageBudget | None = None) -> None:
         """Read the text of a CMakeLists.txt.
 
@@ -320,7 +320,7 @@ class CMakeScript:
         Raises:
             UnreadableError: the script takes more work to read than a package can need.
         """
-        self._folder = folder
+        self._package = PackageFiles(folder)
         self._text = text
         self._files: list[list[str]] = []
         self._budget = budget or PackageBudget()
@@ -337,6 +337,15 @@ class CMakeScript:
         self._commands = list(parse_commands(text))
         self._sections = _find_blocks(self._commands)
         self._run(0, len(self._commands))
+
+    @classmethod
+    def read(cls, folder: Path, budget: PackageBudget | None = None) -> CMakeScript:
+        """Read the CMakeLists.txt of a package folder, with the arguments of `__init__`.
+
+        Raises:
+            UnreadableError: the file cannot be read, or takes more work than a package can need.
+        """
+        return cls(folder, PackageFiles(folder).read_text("CMakeLists.txt"), budget)
 
     # --- Blocks -------------------------------------------------------------------------------------------------------
 
@@ -388,10 +397,10 @@ class CMakeScript:
         self._join(outcomes if is_exhaustive else [*outcomes, {}])
 
     def _run_foreach(self, command: CMakeCommand, marks: list[int], text: str) -> None:
-        name = self._only(command.words[0]) if command.words else UNKNOWN
+        name = self._only(command.words[0]) if command.words else self.UNKNOWN
         items = self._loop_items(command.words[1:])
         jumps = {command.name for command in self._commands[marks[0] : marks[-1]]} & {"break", "continue"}
-        if jumps or UNKNOWN in name or any(item.text == UNKNOWN or not item.certain for item in items):
+        if jumps or self.UNKNOWN in name or any(item.text == self.UNKNOWN or not item.certain for item in items):
             self._run_maybe(marks, text)
             return
         had_value = name in self._values
@@ -402,7 +411,7 @@ class CMakeScript:
         self._values[name] = before if had_value else None
 
     def _loop_items(self, words: list[CMakeArgument]) -> list[CMakeArgument]:
-        unknown = [CMakeArgument(UNKNOWN)]
+        unknown = [CMakeArgument(self.UNKNOWN)]
         keyword = words[0].text if words and not words[0].quote else ""
         if keyword != "IN":
             return unknown if keyword == "RANGE" else [item for word in words for item in self._items(word)]
@@ -423,8 +432,8 @@ class CMakeScript:
         items = self._expand(word)
         if word.quote and len(items) > 1:
             text = ";".join(item.text for item in items)
-            is_known = all(item.certain for item in items) and UNKNOWN not in text
-            return [CMakeArgument(text if is_known else UNKNOWN, word.offset)]
+            is_known = all(item.certain for item in items) and self.UNKNOWN not in text
+            return [CMakeArgument(text if is_known else self.UNKNOWN, word.offset)]
         return items
 
     def _run_maybe(self, marks: list[int], text: str) -> None:
@@ -488,7 +497,7 @@ class CMakeScript:
         elif name == "find_package" and words:
             package = self._only(words[0])
             is_here = package.startswith(("ament_", "rosidl_")) or any(word.text == "REQUIRED" for word in words)
-            state = "0" if package == "catkin" else "1" if is_here else UNKNOWN
+            state = "0" if package == "catkin" else "1" if is_here else self.UNKNOWN
             self._values[f"{package}_FOUND"] = [CMakeArgument(state, words[0].offset)]
         elif name in ("set", "unset") and words:
             self._set(words[0], words[1:])
@@ -511,7 +520,7 @@ class CMakeScript:
             is_certain = len(targets) == 1 and targets[0].certain and not (self._undecided or self._may_be_ended)
             arguments = [CMakeArgument(GENERATE, words[0].offset, is_certain), *self._expand(*words[1:])]
             if len(targets) != 1 or self._is_in_function:
-                arguments.append(CMakeArgument(UNKNOWN, words[0].offset))
+                arguments.append(CMakeArgument(self.UNKNOWN, words[0].offset))
         self.calls.append((name, arguments))
 
     def _set(self, target: CMakeArgument, words: list[CMakeArgument]) -> None:
@@ -527,7 +536,7 @@ class CMakeScript:
 
     def _change_list(self, verb: str, words: list[CMakeArgument]) -> None:
         name = self._only(words[1])
-        if UNKNOWN in name:
+        if self.UNKNOWN in name:
             self._forget_all()
             return
         values, given = self._own(name), self._expand(*words[2:])
@@ -538,7 +547,7 @@ class CMakeScript:
             values += given
             return
         self._budget.spend(len(values))
-        is_exact = all(one.certain and one.text != UNKNOWN for one in (*values, *given))
+        is_exact = all(one.certain and one.text != self.UNKNOWN for one in (*values, *given))
         if verb == "PREPEND":
             values[:0] = given
         elif verb == "INSERT" and is_exact and given and given[0].text.isdecimal():
@@ -562,7 +571,7 @@ class CMakeScript:
 
     def _assign(self, target: CMakeArgument, value: _Value) -> None:
         name = _key(self._only(target))
-        if UNKNOWN in name:
+        if self.UNKNOWN in name:
             self._forget_all()
         else:
             self._values[name] = value
@@ -619,14 +628,14 @@ class CMakeScript:
 
     def _include(self, target: CMakeArgument, *, is_include: bool) -> None:
         """Mark CMake variables as unknown that an included file or a subdirectory of the package may set."""
-        path = inside(posixpath.join(self._only(target), "" if is_include else "CMakeLists.txt"))
+        path = PackageFiles.inside(posixpath.join(self._only(target), "" if is_include else "CMakeLists.txt"))
         text = ""
         with suppress(UnreadableError):  # a module of CMake is not in the package
-            text = read_text(self._folder, path) if path else ""
+            text = self._package.read_text(path) if path else ""
         self._budget.access()
         self._budget.spend(len(text))
         if GENERATE in text.lower() and "SKIP_INSTALL" not in text:  # SKIP_INSTALL: for tests
-            self.calls.append((GENERATE, [target, CMakeArgument(UNKNOWN, target.offset)]))
+            self.calls.append((GENERATE, [target, CMakeArgument(self.UNKNOWN, target.offset)]))
         if not is_include and "install" in text.lower():
             self.calls.append(("add_subdirectory", [target]))
         if path is None:  # a file of another package, unless this script sets the name
@@ -642,14 +651,14 @@ class CMakeScript:
 
     def _only(self, word: CMakeArgument) -> str:
         values = self._expand(word)
-        return values[0].text if len(values) == 1 and values[0].certain else UNKNOWN
+        return values[0].text if len(values) == 1 and values[0].certain else self.UNKNOWN
 
     def _scalar(self, name: str) -> str | None:
         """Return the value of a CMake variable as one text; None if the value is uncertain or the variable
         is not set.
         """
         value = self._values.get(_key(name))
-        if value is None or not all(one.certain and one.text != UNKNOWN for one in value):
+        if value is None or not all(one.certain and one.text != self.UNKNOWN for one in value):
             return None
         self._budget.spend(sum(len(one.text) for one in value))
         return ";".join(one.text for one in value)
@@ -658,7 +667,7 @@ class CMakeScript:
         found: list[ConditionWord] = []
         for word in words:
             values = self._expand(word)
-            texts = [one.text if one.certain and one.text != UNKNOWN else None for one in values]
+            texts = [one.text if one.certain and one.text != self.UNKNOWN else None for one in values]
             if word.quote:
                 text = None if None in texts else ";".join(filter(None, texts))
                 found.append(ConditionWord(text, is_quoted=True))
@@ -677,7 +686,7 @@ class CMakeScript:
             values = [self._value(name) for name in parts[1::2]]
             self._budget.spend(len(word.text) + sum(len(one.text) + 1 for value in values for one in value))
             if parts[::2] == ["", ""]:
-                found += [one if one.text != UNKNOWN else word._replace(text=UNKNOWN) for one in values[0]]
+                found += [one if one.text != self.UNKNOWN else word._replace(text=self.UNKNOWN) for one in values[0]]
                 continue
             is_known = word.quote == "[" or not any(map(_UNREADABLE.search, parts[::2]))
             # One element that is not certain is a guess that callers can refuse; of several, each is as likely.
@@ -687,13 +696,13 @@ class CMakeScript:
                 parts[::2] = [re.sub(r"\\(\n|(.))", r"\2", part, flags=re.DOTALL) for part in parts[::2]]
             parts[1::2] = [";".join(one.text for one in value) for value in values]
             text = "".join(parts)
-            texts = text.split(";") if is_known and UNKNOWN not in text else [UNKNOWN]
+            texts = text.split(";") if is_known and self.UNKNOWN not in text else [self.UNKNOWN]
             found += [CMakeArgument(one, word.offset, is_certain) for one in texts if one]
         return found
 
     def _value(self, name: str) -> list[CMakeArgument]:
         found = self._values.get(name)
-        return [CMakeArgument(UNKNOWN)] if found is None else found
+        return [CMakeArgument(self.UNKNOWN)] if found is None else found
 
     def _glob(self, words: list[CMakeArgument], *, is_deep: bool) -> _Value:
         """Return the files that the patterns of CMake's `file(GLOB)` match; None if they cannot be determined.
@@ -701,17 +710,17 @@ class CMakeScript:
         The paths begin with the package folder, or are relative to the folder of the option RELATIVE.
         """
         if not self._files:
-            self._files = [path.split("/") for path in self._budget.entries("", files_below(self._folder))]
+            self._files = [path.split("/") for path in self._budget.entries("", self._package.paths())]
         found: list[CMakeArgument] = []
         base = None
         while words and words[0].text in _GLOB_OPTIONS:
             if words[0].text == "RELATIVE" and len(words) > 1:
                 base = posixpath.normpath(self._only(words[1]))
             words = words[_GLOB_OPTIONS[words[0].text] :]
-        if base is not None and (UNKNOWN in base or base.startswith(("/", ".."))):
+        if base is not None and (self.UNKNOWN in base or base.startswith(("/", ".."))):
             return None
         for pattern in self._expand(*words):
-            path = inside(pattern.text)
+            path = PackageFiles.inside(pattern.text)
             is_readable = path is not None and path.count("*") <= _MAX_STARS and "[^" not in path
             if path is None or self.creates_files or not is_readable or not pattern.certain:
                 return None
@@ -753,10 +762,3 @@ def _find_blocks(commands: list[CMakeCommand]) -> dict[int, list[int]]:
     for marks in is_open:
         marks.append(len(commands))
     return found
-
-
-def inside(path: str) -> str | None:
-    """Return the path relative to the package folder; None if the path is outside of the folder or unknown."""
-    path = posixpath.normpath(path)
-    is_outside = len(path) > _MAX_PATH or UNKNOWN in path or path.startswith(("/", "../")) or path in (".", "..")
-    return None if is_outside else path

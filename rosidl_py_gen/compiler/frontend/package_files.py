@@ -1,6 +1,7 @@
 """Files of one package folder: interfaces, package.xml, the limit of reading, and a record of what a search reads.
 
-A search passes each path to `note` before it is read, so that its result can be cached until one of them changes.
+A search passes each path to `ReadPaths.note` before it is read, so that its result can be cached until one of them
+changes.
 
 The readers of CMakeLists.txt, package.xml, setup.py, setup.cfg and pyproject.toml share one `PackageBudget` for each
 package, which limits time and memory. A reader spends work before it does the work, so that a file of a few hundred
@@ -14,8 +15,10 @@ not end the search of a workspace. The time is linear in the size of the file.
 from __future__ import annotations
 
 import os
+import posixpath
 import re
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from contextvars import ContextVar
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -31,36 +34,55 @@ Stamp = tuple[int, ...] | None
 _stamps = ContextVar[dict[str, Stamp] | None]("stamps", default=None)
 
 
-def stamp(path: str) -> Stamp:
-    try:
-        found = os.stat(path)
-    except (OSError, ValueError):
-        return None
-    return found.st_mtime_ns, found.st_ctime_ns, found.st_ino, found.st_size
+class ReadPaths:
+    """Files and folders that a search has read, each with its state before the search.
 
-
-def note(path: str | os.PathLike[str]) -> None:
-    """Record the state of a file or folder, which may be missing, for a call of `recorded` that is running in this
-    thread.
-
-    Must be called before the file or folder is read.
+    Attributes:
+        stamps: state of each path.
     """
-    stamps = _stamps.get()
-    if stamps is not None and (text := os.path.abspath(path)) not in stamps:
-        stamps[text] = stamp(text)
 
+    def __init__(self, stamps: dict[str, Stamp]) -> None:
+        self.stamps = stamps
 
-def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
-    """Run a search.
+    @classmethod
+    def of(cls, search: Callable[[], Any]) -> tuple[ReadPaths, Any]:
+        """Run a search; return the paths that it has passed to `note` in this thread, and the search's result."""
+        stamps: dict[str, Stamp] = {}
+        token = _stamps.set(stamps)
+        try:
+            result = search()
+        finally:
+            _stamps.reset(token)
+        return cls(stamps), result
 
-    Returns the states of all paths that the search has passed to `note` in this thread, and the search's result.
-    """
-    stamps: dict[str, Stamp] = {}
-    token = _stamps.set(stamps)
-    try:
-        return stamps, search()
-    finally:
-        _stamps.reset(token)
+    @staticmethod
+    def note(path: str | os.PathLike[str]) -> None:
+        """Record the state of a file or folder, which may be missing, for a call of `of` that is running in this
+        thread.
+
+        Must be called before the file or folder is read.
+        """
+        stamps = _stamps.get()
+        if stamps is not None and (text := os.path.abspath(path)) not in stamps:
+            stamps[text] = ReadPaths.stamp(text)
+
+    @staticmethod
+    def stamp(path: str) -> Stamp:
+        """Return the present state of a file or folder; None if it does not exist."""
+        try:
+            found = os.stat(path)
+        except (OSError, ValueError):
+            return None
+        return found.st_mtime_ns, found.st_ctime_ns, found.st_ino, found.st_size
+
+    def are_unchanged(self) -> bool:
+        """Return True if every path has the state that it had before the search."""
+        return all(self.stamp(path) == old for path, old in self.stamps.items())
+
+    @property
+    def newest_ns(self) -> int:
+        """Time of the last change of any path, in ns; 0 if no path exists."""
+        return max((max(one[:2]) for one in self.stamps.values() if one is not None), default=0)
 
 
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators|interface_packages)\b", re.IGNORECASE)
@@ -70,6 +92,8 @@ BUILD_TREE_MARKERS = ("pyvenv.cfg", "CMakeCache.txt")
 _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
 """Maximum size in bytes of a CMakeLists.txt or another file that is read from a package."""
+_MAX_PATH = 4096
+"""Maximum characters of a path in a file of a package: PATH_MAX of Linux."""
 _MAX_FOLDER_DEPTH = 100
 """Maximum depth of folders of a package, because the time to reach a folder grows with its depth."""
 _MAX_ENTRIES = 100_000
@@ -90,7 +114,7 @@ def mentions_interfaces(folder: Path) -> bool:
     interfaces.
     """
     for name in ("CMakeLists.txt", "package.xml"):
-        note(folder / name)
+        ReadPaths.note(folder / name)
         if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
             return False
         try:
@@ -113,73 +137,99 @@ def interface_name(package: str, path: str) -> RosName | None:
     return RosName(package, kind, stem) if kind in RosName.KINDS else None
 
 
-def is_of_package(folder: Path, path: str) -> bool:
-    """Return True if a file belongs to the package.
+class PackageFiles:
+    """Files below a package folder; paths are relative to the folder."""
 
-    Only files in msg, srv and action may be links to files outside of the package.
-    """
-    return os.path.dirname(path) in RosName.KINDS or _is_inside(folder, path)
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
 
+    @staticmethod
+    def inside(path: str) -> str | None:
+        """Return the normal form of a path; None for the folder itself, and for a path outside of it.
 
-def _is_inside(folder: Path, path: str) -> bool:
-    real, home = os.path.realpath(folder / path), os.path.realpath(folder)
-    return os.path.commonpath([real, home]) == home
+        A path with a NUL, such as `CMakeScript.UNKNOWN`, counts as outside.
+        """
+        path = posixpath.normpath(path)
+        is_outside = len(path) > _MAX_PATH or "\0" in path or path.startswith(("/", "../")) or path in (".", "..")
+        return None if is_outside else path
 
+    def owns(self, path: str) -> bool:
+        """Return True if a file belongs to the package.
 
-def files_below(folder: Path) -> list[str]:
-    """Return the sorted paths of a package's files, relative to its folder; raises `UnreadableError`.
+        Only files in msg, srv and action may be links to files outside of the package.
+        """
+        return os.path.dirname(path) in RosName.KINDS or self._contains(path)
 
-    Hidden files, the folders ``build``, ``install`` and ``log``, ignored folders and other packages are skipped. Links
-    to folders are followed only for msg, srv and action of the package itself.
-    """
-    found: list[str] = []
-    folders = [""]
-    count = 0
-    for place in folders:  # grows inside the loop
-        note(folder / place)
-        try:
-            with os.scandir(folder / place) as scan:
-                entries = list(scan)
-        except OSError as error:
-            raise UnreadableError(f'the folder "{place}" cannot be read: {error.strerror or error}') from error
-        count += len(entries)
-        if count > _MAX_ENTRIES:
-            raise UnreadableError(f"there are more than {_MAX_ENTRIES} files below the package folder")
-        if problem := PackageBudget.depth_problem(place):
-            raise UnreadableError(problem)
-        names = {entry.name for entry in entries}
-        if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *BUILD_TREE_MARKERS)):
-            continue
-        holds_interfaces = not set(RosName.KINDS).isdisjoint(place.split("/"))  # msg/log may be a folder of definitions
-        for entry in entries:
-            path = f"{place}/{entry.name}" if place else entry.name
-            if entry.name[0] == "." or (entry.name in _BUILD_FOLDERS and not holds_interfaces):
+    def _contains(self, path: str) -> bool:
+        real, home = os.path.realpath(self.folder / path), os.path.realpath(self.folder)
+        return os.path.commonpath([real, home]) == home
+
+    def paths(self) -> list[str]:
+        """Return the sorted paths of all files; raises `UnreadableError`.
+
+        Hidden files, the folders ``build``, ``install`` and ``log``, ignored folders and other packages are skipped.
+        Links to folders are followed only for msg, srv and action of the package itself.
+        """
+        found: list[str] = []
+        folders = [""]
+        count = 0
+        for place in folders:  # grows inside the loop
+            ReadPaths.note(self.folder / place)
+            try:
+                with os.scandir(self.folder / place) as scan:
+                    entries = list(scan)
+            except OSError as error:
+                raise UnreadableError(f'the folder "{place}" cannot be read: {error.strerror or error}') from error
+            count += len(entries)
+            if count > _MAX_ENTRIES:
+                raise UnreadableError(f"there are more than {_MAX_ENTRIES} files below the package folder")
+            if problem := PackageBudget.depth_problem(place):
+                raise UnreadableError(problem)
+            names = {entry.name for entry in entries}
+            if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *BUILD_TREE_MARKERS)):
                 continue
-            if not os.path.isdir(entry.path):
-                found.append(path)
-            elif path in RosName.KINDS or not entry.is_symlink():
-                folders.append(path)
-    return sorted(found)
+            # msg/log may be a folder of definitions
+            holds_interfaces = not set(RosName.KINDS).isdisjoint(place.split("/"))
+            for entry in entries:
+                path = f"{place}/{entry.name}" if place else entry.name
+                if entry.name[0] == "." or (entry.name in _BUILD_FOLDERS and not holds_interfaces):
+                    continue
+                if not os.path.isdir(entry.path):
+                    found.append(path)
+                elif path in RosName.KINDS or not entry.is_symlink():
+                    folders.append(path)
+        return sorted(found)
 
+    def note_folders(self) -> None:
+        """Pass all folders to `ReadPaths.note`, as far as they can be read."""
+        with suppress(UnreadableError):
+            self.paths()
 
-def read_text(folder: Path, name: str) -> str:
-    """Return the text of a file of a package.
+    def read_text(self, name: str) -> str:
+        """Return the text of a file.
 
-    Raises `UnreadableError` for a file that is missing, too large, or outside of the package.
-    """
-    note(folder / name)
-    try:
-        if not _is_inside(folder, name):
-            raise UnreadableError("the file lies outside the package folder")
-        if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
-            raise UnreadableError("there is no such file")
-        with open(folder / name, "rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise UnreadableError(f"the file cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if len(raw) > MAX_BYTES:
-        raise UnreadableError(f"the file is longer than {MAX_BYTES} bytes")
-    return raw.decode(errors="replace").replace("\0", "\ufffd")
+        Raises `UnreadableError` for a file that is missing, too large, or outside of the package.
+        """
+        path = self.folder / name
+        ReadPaths.note(path)
+        try:
+            if not self._contains(name):
+                raise UnreadableError("the file lies outside the package folder")
+            if not os.path.isfile(path):  # opening a pipe would wait for its writer
+                raise UnreadableError("there is no such file")
+            with open(path, "rb") as file:
+                raw = file.read(MAX_BYTES + 1)
+        except (OSError, ValueError) as error:
+            raise UnreadableError(f"the file cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        if len(raw) > MAX_BYTES:
+            raise UnreadableError(f"the file is longer than {MAX_BYTES} bytes")
+        return raw.decode(errors="replace").replace("\0", "\ufffd")
+
+    def manifest(self) -> ManifestValues:
+        """Return name, version and build type of package.xml; all are empty if the file cannot be read."""
+        with suppress(UnreadableError):
+            return read_package_manifest(self.read_text("package.xml"))
+        return ManifestValues()
 
 
 _MAX_WORK = 2_000_000
@@ -205,15 +255,14 @@ _MAX_OWN_FILES = 20_000
 _T = TypeVar("_T")
 
 
-class BudgetError(UnreadableError):
-    """Error of a package whose reading would take more work than any package can need."""
-
-
 class PackageBudget:
     """Remaining work for reading the files of one package.
 
-    A method that would spend more than remains raises `BudgetError`.
+    A method that would spend more than remains raises `ExceededError`.
     """
+
+    class ExceededError(UnreadableError):
+        """Error of a package whose reading would take more work than any package can need."""
 
     def __init__(self, work: int = _MAX_WORK) -> None:
         self._work = self._start = work
@@ -247,7 +296,7 @@ class PackageBudget:
         """Spend the work for reading or building values of this many characters."""
         self._work -= characters + 1
         if self._work < 0:
-            raise BudgetError("reading it takes more work than a package can need")
+            raise self.ExceededError("reading it takes more work than a package can need")
 
     def matches(self, name: str, pattern: str) -> bool:
         """Return `fnmatchcase(name, pattern)` after spending work for it.

@@ -28,12 +28,12 @@ from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
-from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, other_distributions_note
+from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces, other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import (
     BUILD_TREE_MARKERS,
     IGNORE_MARKS,
+    ReadPaths,
     mentions_interfaces,
-    note,
     read_package_manifest,
 )
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError, display_path
@@ -144,6 +144,46 @@ class SearchPath:
     searched: list[str] = field(default_factory=list)
     refused: dict[str, Diagnostic] = field(default_factory=dict)
 
+    @classmethod
+    def scan(
+        cls,
+        folders: Sequence[str | os.PathLike[str]] = (),
+        ament: str | None = None,
+        bundled: bool = True,
+        distro: str | None = None,
+    ) -> SearchPath:
+        """Return the packages in folders, ament prefixes, installed wheels and the bundled interfaces.
+
+        Args:
+            folders: folders of packages, of one package, or ``src`` of colcon workspaces.
+            ament: prefixes joined by the path separator; None reads AMENT_PREFIX_PATH.
+            bundled: search installed wheels and the bundled interfaces, too.
+            distro: distribution of the bundled interfaces, which then precede ament prefixes and wheels; None uses the
+                selection of the command or of ROS_DISTRO.
+
+        Raises:
+            DefinitionError: a folder does not exist, cannot be read, or contains no package or two of one name.
+            UnknownDistributionError: the definitions of `distro` are not bundled.
+        """
+        found = cls({})
+        for folder in folders:
+            _add(found, str(folder), _packages_below(Path(folder), found.refused))
+        choice = Distribution.selected(distro) if bundled else None
+        if choice is not None and choice.is_explicit:
+            _add_bundled(found, choice.name)
+        prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
+        for prefix in filter(None, prefixes.split(os.pathsep)):
+            share = Path(prefix) / "share"
+            holders = (Path(entry.path) for entry in _entries(share) if holds_interfaces(Path(entry.path)))
+            named = (path for path in holders if RosName.PACKAGE_RULE.allows(path.name))
+            _add(found, prefix, (Package(path.name, path, prefix) for path in named))
+        if choice is not None:
+            if installed := [*_installed()]:
+                _add(found, _INSTALLED, installed)
+            if not choice.is_explicit:
+                _add_bundled(found, choice.name)
+        return cls(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
+
     def file(self, name: RosName) -> Path | None:
         package = self.packages.get(name.package)
         return package.files.get(name) if package else None
@@ -215,48 +255,10 @@ class SearchPath:
         return f"{subject}{hint} (searched: {', '.join(self.searched) or 'nothing'})"
 
 
-def scan_search_path(
-    folders: Sequence[str | os.PathLike[str]] = (),
-    ament: str | None = None,
-    bundled: bool = True,
-    distro: str | None = None,
-) -> SearchPath:
-    """Return the packages in folders, ament prefixes, installed wheels and the bundled interfaces.
-
-    Args:
-        folders: folders of packages, of one package, or ``src`` of colcon workspaces.
-        ament: prefixes joined by the path separator; None reads AMENT_PREFIX_PATH.
-        bundled: search installed wheels and the bundled interfaces, too.
-        distro: distribution of the bundled interfaces, which then precede ament prefixes and wheels; None uses the
-            selection of the command or of ROS_DISTRO.
-
-    Raises:
-        DefinitionError: a folder does not exist, cannot be read, or contains no package or two of one name.
-        UnknownDistributionError: the definitions of `distro` are not bundled.
-    """
-    found = SearchPath({})
-    for folder in folders:
-        _add(found, str(folder), _packages_below(Path(folder), found.refused))
-    choice = Distribution.selected(distro) if bundled else None
-    if choice is not None and choice.is_explicit:
-        _add_bundled(found, choice.name)
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
-    for prefix in filter(None, prefixes.split(os.pathsep)):
-        share = Path(prefix) / "share"
-        holders = (Path(entry.path) for entry in _entries(share) if holds_interfaces(Path(entry.path)))
-        named = (path for path in holders if RosName.PACKAGE_RULE.allows(path.name))
-        _add(found, prefix, (Package(path.name, path, prefix) for path in named))
-    if choice is not None:
-        if installed := [*_installed()]:
-            _add(found, _INSTALLED, installed)
-        if not choice.is_explicit:
-            _add_bundled(found, choice.name)
-    return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
-
-
 def _add_bundled(found: SearchPath, distro: str) -> None:
     packages = (
-        Package(name, one.folder, _BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
+        Package(name, one.folder, _BUNDLED, known_files=one.files)
+        for name, one in BundledInterfaces.of(distro).packages.items()
     )
     _add(found, _BUNDLED if distro == Distribution.DEFAULT else f"{_BUNDLED} ({distro})", packages)
 
@@ -272,7 +274,7 @@ def _installed() -> Iterator[Package]:
         names.add(package.name)
         yield package
     index = InstalledInterfaces.ros_index()
-    note(index)
+    ReadPaths.note(index)
     for entry in _entries(Path(index)) if os.path.isdir(index) else ():  # no folder, or one that cannot be reached
         folder = Path(sys.prefix, "share", entry.name)
         if entry.name not in names and RosName.PACKAGE_RULE.allows(entry.name) and holds_interfaces(folder):
@@ -314,7 +316,7 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
     Raises `DefinitionError` for a folder that cannot be read: if the folder were ignored, definitions would be lost.
     """
-    note(folder)
+    ReadPaths.note(folder)
     try:
         with os.scandir(folder) as entries:
             return sorted(entries, key=lambda entry: entry.name)
@@ -334,7 +336,7 @@ def holds_interfaces(folder: Path) -> bool:
 
 
 def _is_for_interfaces(folder: Path) -> bool:
-    note(folder)
+    ReadPaths.note(folder)
     try:
         with os.scandir(folder) as entries:
             names = [entry.name for entry in entries]
@@ -348,7 +350,7 @@ def _is_for_interfaces(folder: Path) -> bool:
 def _groups_packages(folder: Path) -> bool:
     inside = [Path(entry.path) for kind in RosName.KINDS for entry in _entries(folder / kind)]
     for path in inside:
-        note(path / "package.xml")
+        ReadPaths.note(path / "package.xml")
     return any(os.path.isfile(path / "package.xml") for path in inside)
 
 
@@ -365,7 +367,7 @@ def _packages_below(root: Path, refused: dict[str, Diagnostic]) -> list[Package]
 def _descend(
     folder: Path, origin: str, refused: dict[str, Diagnostic], visited: set[str], depth: int = 0
 ) -> Iterator[Package]:
-    note(folder)
+    ReadPaths.note(folder)
     real = os.path.realpath(folder)  # links may form loops
     if real in visited or depth > _MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
         return
@@ -393,7 +395,7 @@ def _descend(
         if is_folder and not entry.name.startswith(".") and os.access(entry.path, os.R_OK | os.X_OK):
             yield from _descend(Path(entry.path), origin, refused, visited, depth + 1)
         elif not entry.name.startswith(".") and (is_folder or entry.is_symlink()):
-            note(entry.path)
+            ReadPaths.note(entry.path)
 
 
 def package_name(manifest: Path, folder: Path) -> str:
@@ -401,7 +403,7 @@ def package_name(manifest: Path, folder: Path) -> str:
 
     Raises `DefinitionError` if the file cannot be read.
     """
-    note(manifest)
+    ReadPaths.note(manifest)
     text = ""
     try:
         if manifest.is_file():  # opening a pipe would wait for its writer
@@ -485,7 +487,7 @@ class Workspace:
                     if _is_folder(entry):
                         waiting.append((folder / entry.name, depth + 1))
                     elif entry.is_symlink():
-                        note(entry.path)
+                        ReadPaths.note(entry.path)
         return found, True
 
     @classmethod
@@ -495,7 +497,7 @@ class Workspace:
         The workspace is the folder ``src`` that contains the package, else the package and its siblings. For a folder
         outside of packages, the workspace is its subfolder ``src``, else the folder itself.
         """
-        package = package_around(place)
+        package = cls.package_around(place)
         if package is not None:
             source = next((folder for folder in package.parents if folder.name == "src"), None)
             return cls(package.parent, 1, package) if source is None else cls(source)
@@ -503,6 +505,15 @@ class Workspace:
             return None
         source = place if place.name == "src" else place / "src"
         return cls(source) if source.is_dir() else cls(place, holds_others=True)
+
+    @staticmethod
+    def package_around(place: Path) -> Path | None:
+        """Return the folder of the package that contains a file or folder: the nearest folder with a package.xml.
+
+        Returns None without such a folder.
+        """
+        above = [place, *place.parents] if place.is_dir() else [*place.parents]
+        return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
 
     @property
     def holds_interfaces(self) -> bool:
@@ -520,18 +531,9 @@ class Workspace:
         return [*self.packages.values()] if self.holds_others or self.depth is not None else [self.folder]
 
 
-def package_around(place: Path) -> Path | None:
-    """Return the folder of the package that contains a file or folder: the nearest folder with a package.xml.
-
-    Returns None without such a folder.
-    """
-    above = [place, *place.parents] if place.is_dir() else [*place.parents]
-    return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
-
-
 def _readable_entries(folder: Path) -> list[os.DirEntry[str]]:
     """Return the entries of a folder, sorted by name; [] for an unreadable folder, which is skipped."""
-    note(folder)
+    ReadPaths.note(folder)
     with suppress(OSError), os.scandir(folder) as entries:
         return sorted(entries, key=lambda entry: entry.name)
     return []

@@ -30,7 +30,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     section_names,
 )
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
 MAX_TYPES = 500
@@ -50,43 +50,52 @@ source."""
 _FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
 
 
-def written_messages(name: RosName, is_service: bool) -> tuple[str, ...]:
-    """Return the names of the messages that an interface's file states, without the messages that ROS derives from
-    them.
+class DescribedInterface:
+    """Interface that type descriptions describe.
+
+    Attributes:
+        messages: names of the messages that the interface's file states, without the messages that ROS derives from
+            them.
     """
-    is_action = name.kind == "action" and "_" not in name.name
-    return tuple(map(str, section_names(name, "srv" if is_service else "action" if is_action else "msg")))
 
+    def __init__(
+        self, name: RosName, individuals: Mapping[str, Description], sources: Sources, is_service: bool = False
+    ) -> None:
+        """Store the descriptions.
 
-def registry_from_descriptions(
-    name: RosName, individuals: Mapping[str, Description], sources: Sources, is_service: bool = False
-) -> InterfaceRegistry:
-    """Return a checked registry with the interface `name` and all types that it refers to.
+        Args:
+            name: name of the interface.
+            individuals: descriptions of single types by name; descriptions of unneeded types are ignored.
+            sources: definition texts of the types.
+            is_service: `name` is a service.
+        """
+        self._name, self._individuals, self._sources = name, individuals, sources
+        is_action = name.kind == "action" and "_" not in name.name
+        kind = "srv" if is_service else "action" if is_action else "msg"
+        self.messages = tuple(map(str, section_names(name, kind)))
 
-    Args:
-        individuals: descriptions of single types by name; descriptions of unneeded types are ignored.
-        sources: definition texts of the types.
-        is_service: `name` is a service.
+    def registry(self) -> InterfaceRegistry:
+        """Return a checked registry with the interface and all types that it refers to.
 
-    Raises:
-        DefinitionError: no definition can have this description, or it is too large.
-    """
-    _check_size(name, individuals)
-    registry = InterfaceRegistry(_implied_packages())
-    descriptions = _DescriptionConverter(individuals)
-    texts = sources if sum(len(text) for _, text in sources.values()) <= MAX_TEXT else {}
-    own = written_messages(name, is_service)
-    top = _from_source(name, texts, individuals, own)
-    if top is None:
-        messages = [descriptions.message(one) for one in own]
-        top = assemble(name, messages, messages[0].source)
-    registry.add(name, top)
-    for needed in _reachable(top.messages, individuals):
-        nested = RosName.parse(needed)
-        registry.add(nested, _from_source(nested, texts, individuals, (needed,)) or descriptions.message(needed))
-    check(registry, [name])
-    registry.raise_diagnostics()
-    return registry
+        Raises:
+            DefinitionError: no definition can have this description, or it is too large.
+        """
+        name, individuals = self._name, self._individuals
+        _check_size(name, individuals)
+        registry = InterfaceRegistry(_implied_packages())
+        descriptions = _DescriptionConverter(individuals)
+        texts = self._sources if sum(len(text) for _, text in self._sources.values()) <= MAX_TEXT else {}
+        top = _from_source(name, texts, individuals, self.messages)
+        if top is None:
+            messages = [descriptions.message(one) for one in self.messages]
+            top = assemble(name, messages, messages[0].source)
+        registry.add(name, top)
+        for needed in _reachable(top.messages, individuals):
+            nested = RosName.parse(needed)
+            registry.add(nested, _from_source(nested, texts, individuals, (needed,)) or descriptions.message(needed))
+        check(registry, [name])
+        registry.raise_diagnostics()
+        return registry
 
 
 def _check_size(name: RosName, individuals: Mapping[str, Description]) -> None:
@@ -101,7 +110,7 @@ def _check_size(name: RosName, individuals: Mapping[str, Description]) -> None:
 
 @cache
 def _implied_packages() -> SearchPath:
-    found = scan_search_path((), ament="")
+    found = SearchPath.scan((), ament="")
     return SearchPath({name: found.packages[name] for name in DERIVED_TYPES_PACKAGES}, [], ["the description"])
 
 

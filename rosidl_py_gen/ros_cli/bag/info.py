@@ -58,7 +58,7 @@ def _with_counts(reader: BagReader) -> list[BagTopic]:
 
 
 def _document(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
-    from rosidl_py_gen.bags import qos_profiles
+    from rosidl_py_gen.bags import OfferedQoS
     from rosidl_py_gen.ros_cli.bag.reading import damaged_rows
 
     channels = _with_counts(reader)
@@ -83,7 +83,7 @@ def _document(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
                 "serialization_format": topic.message_encoding,
                 "type_hash": topic.type_hash,
                 "has_definition": bool(topic.definition),
-                "offered_qos": [_qos(profile) for profile in qos_profiles(topic.offered_qos)],
+                "offered_qos": [_qos(profile) for profile in OfferedQoS.parse(topic.offered_qos)],
                 **(_definition(reader, topic) if is_verbose else {}),
             }
             for topic in channels

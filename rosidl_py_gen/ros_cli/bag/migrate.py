@@ -144,10 +144,10 @@ def migrate(
 
 class _NewDefinitions:
     def __init__(self, paths: Sequence[str]) -> None:
-        from rosidl_py_gen.compiler.frontend import InterfaceRegistry, scan_search_path
+        from rosidl_py_gen.compiler.frontend import InterfaceRegistry, SearchPath
 
         self._paths = tuple(paths)
-        self._search = scan_search_path(self._paths)
+        self._search = SearchPath.scan(self._paths)
         self._library = InterfaceRegistry(self._search)
 
     def find(self, name: str) -> tuple[type[Message], str] | str:

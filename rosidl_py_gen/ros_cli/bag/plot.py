@@ -78,9 +78,9 @@ def _is_bag(word: str, first: BagReader) -> bool:
     """Return True if an argument after the first bag is a further bag: a URL, or a path that exists and is
     not a topic.
     """
-    from rosidl_py_gen.bags import is_url
+    from rosidl_py_gen.bags import BagLocation
 
-    return is_url(word) or (word not in first.topics and os.path.exists(word))
+    return BagLocation(word).is_url or (word not in first.topics and os.path.exists(word))
 
 
 def _topics_text(bag: BagReader) -> str:

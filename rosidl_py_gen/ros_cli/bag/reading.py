@@ -19,7 +19,6 @@ from rosidl_py_gen.bags import described, mismatch_reason
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.command_support.terminal_output import StatusLine
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ class ProgressBar:
 
     def __init__(self, unit: Literal["messages", "bytes"]) -> None:
         self._unit = unit
-        self._line = StatusLine()
+        self._line = terminal_output.StatusLine()
         self._start_s = monotonic()
         self._next_s = self._start_s + PROGRESS_DELAY_S if self._line.is_possible else inf
 

@@ -173,7 +173,7 @@ def sql(
 
     Extra.require_modules("pyarrow")  # its extra has what bags need, too
     from rosidl_py_gen.ros_cli.bag.reading import ProgressBar, opened_bag
-    from rosidl_py_gen.tables import Database, find_sources
+    from rosidl_py_gen.tables import Database
 
     query, bags = _query_and_bags(words)
     if as_json and form not in (None, "json"):
@@ -186,7 +186,7 @@ def sql(
         raise CommandError(f"{output} exists already")
     with ExitStack() as stack:
         base = stack.enter_context(Database(memory_limit))
-        names, datasets = find_sources(bags)
+        names, datasets = Database.find_sources(bags)
         readers = {
             name: stack.enter_context(opened_bag(path, search_path=paths, skip_damaged=skips))
             for name, path in names.items()
@@ -209,9 +209,9 @@ def _query_and_bags(words: Sequence[str]) -> tuple[str, Sequence[str]]:
 
 
 def _is_query(word: str) -> bool:
-    from rosidl_py_gen.bags import is_url
+    from rosidl_py_gen.bags import BagLocation
 
-    return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
+    return len(word.split()) > 1 and not BagLocation(word).is_url and not os.path.exists(word)
 
 
 def _format_of(output: str | None) -> str:

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.compiler.frontend import scan_search_path
+from rosidl_py_gen.compiler.frontend import SearchPath
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
-from rosidl_py_gen.type_loading import cache_problems
+from rosidl_py_gen.type_loading import CacheFolder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -231,7 +231,7 @@ def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
                 WARNING, f"AMENT_PREFIX_PATH names {prefix}, which is not a folder", "source the setup file again"
             )
     try:
-        search = scan_search_path(paths)
+        search = SearchPath.scan(paths)
     except RosidlError as error:
         yield Finding(BROKEN, str(error), "correct --path or AMENT_PREFIX_PATH")
         return
@@ -270,7 +270,7 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
         if value:
             yield Finding(OK, f"{name}={value}", public=f"{name} is set" if name in REDACTED_VARIABLES else "")
     yield from _pitfalls(environ)
-    for text, advice in cache_problems():
+    for text, advice in CacheFolder.problems():
         yield Finding(WARNING, text, advice)
 
 

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp, stamp_ns
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of, now_s
+from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand
 from rosidl_py_gen.ros_cli.bag.player_recorder import read_keys, read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.reading import BagSelection, duration_text, opened_bag, start_of, time_text
@@ -182,7 +182,7 @@ class Timeline:
 
     def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
         self._at_ns = at_ns
-        self._since_s = now_s()
+        self._since_s = CommandNode.now_s()
         self.rate = rate
         """Speed of the clock; 2.0 is twice as fast as real time."""
         self.is_paused = is_paused
@@ -193,7 +193,7 @@ class Timeline:
         """Return the time in the recording that playback has reached, in nanoseconds."""
         if self.is_paused:
             return self._at_ns
-        return self._at_ns + round((now_s() - self._since_s) * self.rate * NS_PER_S)
+        return self._at_ns + round((CommandNode.now_s() - self._since_s) * self.rate * NS_PER_S)
 
     def set_paused(self, is_paused: bool) -> None:
         """Stop the clock if `is_paused` is True, else continue it."""
@@ -210,7 +210,7 @@ class Timeline:
 
     def jump(self, at_ns: int) -> None:
         """Set the clock to a time in nanoseconds, and make a waiting `until` return False."""
-        self._at_ns, self._since_s = at_ns, now_s()
+        self._at_ns, self._since_s = at_ns, CommandNode.now_s()
         self.wake()
 
     def wake(self) -> None:
@@ -225,7 +225,7 @@ class Timeline:
         Returns False if the clock was changed during the wait.
         """
         if not self.is_paused and at_ns is not None:
-            left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self.rate - now_s()
+            left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self.rate - CommandNode.now_s()
             if left_s <= 0:
                 before = self._changes
                 await asyncio.sleep(0)

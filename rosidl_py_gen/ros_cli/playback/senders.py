@@ -13,7 +13,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_service, type_hash
-from rosidl_py_gen.bags import qos_profiles
+from rosidl_py_gen.bags import OfferedQoS
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service
@@ -128,7 +128,7 @@ def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
 
 def _offered_qos(topic: BagTopic) -> QoSProfile:
     """Return the strongest recorded QoS of a topic, with a depth of at least 10, as recorders often omit the depth."""
-    offered = qos_profiles(topic.offered_qos)
+    offered = OfferedQoS.parse(topic.offered_qos)
     profile = QoSProfile(depth=max(_MIN_DEPTH, *(publisher.depth for publisher in offered)) if offered else _MIN_DEPTH)
     if offered and all(publisher.reliability is Reliability.BEST_EFFORT for publisher in offered):
         profile = profile.best_effort()

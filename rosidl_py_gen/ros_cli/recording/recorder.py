@@ -15,12 +15,11 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
-from rosidl_py_gen.bags import BagTopic, qos_text, topic_of
+from rosidl_py_gen.bags import BagTopic, OfferedQoS, topic_of
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
-from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of, now_s
-from rosidl_py_gen.command_support.graph_lookup import is_hidden
+from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import AsyncCommand
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
@@ -89,7 +88,7 @@ class Selection:
         )
         if owner.kind != "topic":
             return is_wanted
-        return (is_wanted or type_name in self._types) and (self._hidden or not is_hidden(topic))
+        return (is_wanted or type_name in self._types) and (self._hidden or not CommandNode.is_hidden(topic))
 
     def _is_excluded(self, owner: TopicOwner, type_name: str) -> bool:
         return (
@@ -212,7 +211,7 @@ class Recorder:
 
     async def report(self, show: Any) -> None:
         """Display the progress of recording until cancelled; raises the error of a topic that failed."""
-        began = now_s()
+        began = self._command_node.now_s()
         while True:
             dropped_count = self.dropped + self.incompatible
             dropped = f", {dropped_count} dropped" if dropped_count else ""
@@ -221,7 +220,7 @@ class Recorder:
             retained = self._writer.retained_count
             snapshot = "" if retained is None else f", {pluralize(retained, 'message')} retained for a snapshot"
             what = "paused after" if self.is_paused else "recording for"
-            show(f"{what} {now_s() - began:.0f} s: {text}{snapshot}{dropped}; Ctrl-C ends recording")
+            show(f"{what} {self._command_node.now_s() - began:.0f} s: {text}{snapshot}{dropped}; Ctrl-C ends recording")
             await asyncio.sleep(_PROGRESS_INTERVAL_S)
             for task in self._tasks:
                 if task.done():
@@ -306,7 +305,7 @@ class Recorder:
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
         hashes = [one.topic_type_hash for one in self._node.get_publishers_info_by_topic(topic)]
-        return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
+        return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=OfferedQoS(qos).text)
 
     async def _topic_of(self, topic: str, cls: type[Message], qos: Sequence[Any]) -> BagTopic:
         """Return the topic of the bag with its definition, which for a topic of an action is the whole action."""
@@ -322,7 +321,7 @@ class Recorder:
             text = definition_text(action)
             if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
                 raise
-            return BagTopic(topic, type_name(cls), text, type_hash=type_hash(cls), offered_qos=qos_text(qos))
+            return BagTopic(topic, type_name(cls), text, type_hash=type_hash(cls), offered_qos=OfferedQoS(qos).text)
 
 
 def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:

@@ -101,7 +101,6 @@ async def echo(
     any(x < 1 for x in m.ranges).
     """
     from rosidl_py_gen.command_support import graph_lookup
-    from rosidl_py_gen.command_support.command_node import now_s
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
     from rosidl_py_gen.ros_cli.message_text import value_printer
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
@@ -112,7 +111,7 @@ async def echo(
     printer = value_printer(
         style or "yaml", full_length=full_length, truncate_length=truncate_length, arrays=arrays, strings=strings
     )
-    rate_limit = _RateLimit(max_rate_hz, now_s)
+    rate_limit = _RateLimit(max_rate_hz, command_node.now_s)
     cls: Any
     if raw:
         cls = graph_lookup.opaque_class(command_node, name, type_name)
@@ -125,16 +124,16 @@ async def echo(
     subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
         command_node.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
     )
-    lost, has_received, printed_s = _LostNotes(now_s), False, now_s()
+    lost, has_received, printed_s = _LostNotes(command_node.now_s), False, command_node.now_s()
     async with subscription as messages:
         try:
             while True:
                 message, _ = await messages.receive_with_info(
-                    None if timeout_s is None else max(0.0, printed_s + timeout_s - now_s())
+                    None if timeout_s is None else max(0.0, printed_s + timeout_s - command_node.now_s())
                 )
                 has_received = True
                 if show(message):
-                    printed_s = now_s()
+                    printed_s = command_node.now_s()
                     if once:
                         return
                 if lost_messages:

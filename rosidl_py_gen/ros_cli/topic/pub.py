@@ -84,7 +84,6 @@ async def pub(
     import asyncio
 
     from rosidl_py_gen.command_support import graph_lookup
-    from rosidl_py_gen.command_support.command_node import now_s
     from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
@@ -117,17 +116,17 @@ async def pub(
                 break
             if pace is not None:
                 await pace.sleep()
-    published_s = now_s()
+    published_s = command_node.now_s()
     with suppress(WaitTimeoutError):
         await publisher.wait_for_acknowledged(_ACKNOWLEDGE_TIMEOUT_S)
-    await asyncio.sleep(published_s + keep_alive_s - now_s())
+    await asyncio.sleep(published_s + keep_alive_s - command_node.now_s())
 
 
 async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
-    from rosidl_py_gen.command_support.command_node import now_s
+    from rosidl_py_gen.command_support.command_node import CommandNode
     from rosidl_py_gen.runtime import WaitTimeoutError
 
-    start_s = now_s()
+    start_s = CommandNode.now_s()
     wait_s = 0.1  # most subscriptions are found at once, without a note
     while True:
         try:
@@ -135,7 +134,7 @@ async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s
             return
         except WaitTimeoutError as error:
             reason = f": {error.reason}" if error.reason else ""
-        waited_s = now_s() - start_s
+        waited_s = CommandNode.now_s() - start_s
         if limit_s is not None and waited_s >= limit_s:
             text = f"{pluralize(publisher.subscription_count, 'subscription')} on {publisher.topic} in {limit_s:g} s"
             raise CommandError(f"{text}, expected at least {count}{reason}")

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp
 from rosidl_py_gen.base.waiters import Waiters, blocking
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
+from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime.actions.states import (
     STATUSES,
     ZERO_ID,
@@ -474,7 +474,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
     async def _request_cancel(
         self, goal_id: bytes, stamp: Time | None, subject: str, timeout_s: float | None
     ) -> list[bytes]:
-        request = CancelGoal_Request()
+        request = CancelGoal.Request()
         set_goal_id(request.goal_info, goal_id)
         if stamp is not None:
             set_stamp(request.goal_info.stamp, stamp.nanoseconds)

@@ -25,7 +25,7 @@ from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
-from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
+from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime.actions.server_goal import (
     FINISHED,
     GoalResult,
@@ -170,17 +170,17 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
             set_stamp(response.stamp, info.stamp_ns)
         return response
 
-    async def _on_cancel_goal(self, request: CancelGoal_Request) -> CancelGoal_Response:
+    async def _on_cancel_goal(self, request: CancelGoal.Request) -> CancelGoal.Response:
         self._goals.expire()
         selection = self._goals.table.select_for_cancel(
             goal_id_of(request.goal_info), stamp_ns(request.goal_info.stamp)
         )
         decisions = await asyncio.gather(*(self._may_cancel(info.goal_id) for info in selection.goals))
         if self._closed:
-            return CancelGoal_Response()
+            return CancelGoal.Response()
         agreed = [info for info, is_agreed in zip(selection.goals, decisions, strict=True) if is_agreed]
         code, canceled = self._goals.cancel(selection, agreed)
-        response = CancelGoal_Response(return_code=int(code))
+        response = CancelGoal.Response(return_code=int(code))
         for info in canceled:
             message = GoalInfoMessage()
             set_goal_id(message, info.goal_id)

@@ -20,7 +20,7 @@ from rosidl_py_gen.cdr import Action, Message
 from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.errors import EncodeError, RosidlError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
-from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal, CancelGoal_Request, CancelGoal_Response
+from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, user_callback
 from rosidl_py_gen.runtime.entities.message_types import (
     DictMessage,
@@ -102,7 +102,7 @@ class ActionType:
     send_goal: ServiceType[Any, Any]
     get_result: ServiceType[Any, Any]
     feedback_message: MessageType[Any]
-    cancel: ServiceType[CancelGoal_Request, CancelGoal_Response]
+    cancel: ServiceType[CancelGoal.Request, CancelGoal.Response]
     status: MessageType[GoalStatusArray]
 
     def encode_result(self, status: int, result: object | None) -> bytes:

@@ -16,17 +16,11 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     DescribeParameters,
-    DescribeParameters_Request,
     GetParameters,
-    GetParameters_Request,
     GetParameterTypes,
-    GetParameterTypes_Request,
     ListParameters,
-    ListParameters_Request,
     SetParameters,
-    SetParameters_Request,
     SetParametersAtomically,
-    SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
@@ -255,15 +249,15 @@ class ParameterClient(CompositeEntity):
         raise MalformedAnswerError(f"{self.node} returned {len(items)} values for {len(requested)} parameters")
 
     async def _get_values(self, names: list[str], timeout_s: float | None) -> list[ParameterValue]:
-        response = await self._get.call(GetParameters_Request(names=names), timeout_s)
+        response = await self._get.call(GetParameters.Request(names=names), timeout_s)
         return [value_from_message(item) for item in response.values]
 
     async def _get_types(self, names: list[str], timeout_s: float | None) -> list[ParameterType]:
-        response = await self._types.call(GetParameterTypes_Request(names=names), timeout_s)
+        response = await self._types.call(GetParameterTypes.Request(names=names), timeout_s)
         return [parameter_type(int(item)) for item in response.types]
 
     async def _get_descriptors(self, names: list[str], timeout_s: float | None) -> list[ParameterDescriptor]:
-        response = await self._describe.call(DescribeParameters_Request(names=names), timeout_s)
+        response = await self._describe.call(DescribeParameters.Request(names=names), timeout_s)
         return [descriptor_from_message(item) for item in response.descriptors]
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
@@ -334,7 +328,7 @@ class ParameterClient(CompositeEntity):
         return first | await self._read_batch(names[middle:], deadline)
 
     async def _set_once(self, parameters: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
-        request = SetParameters_Request(parameters=[parameter_to_message(item) for item in parameters])
+        request = SetParameters.Request(parameters=[parameter_to_message(item) for item in parameters])
         return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
@@ -361,7 +355,7 @@ class ParameterClient(CompositeEntity):
     set_atomically_sync = blocking(set_atomically)
 
     async def _set_all(self, parameters: Sequence[Parameter], deadline: Deadline) -> SetResult:
-        request = SetParametersAtomically_Request(parameters=[parameter_to_message(item) for item in parameters])
+        request = SetParametersAtomically.Request(parameters=[parameter_to_message(item) for item in parameters])
         return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
@@ -409,7 +403,7 @@ class ParameterClient(CompositeEntity):
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
         """
-        request = ListParameters_Request(prefixes=as_names(prefixes, "prefixes"), depth=depth)
+        request = ListParameters.Request(prefixes=as_names(prefixes, "prefixes"), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
         return ListParametersResult(tuple(result.names), tuple(result.prefixes))
 

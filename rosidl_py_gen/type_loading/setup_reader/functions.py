@@ -16,7 +16,7 @@ from pathlib import PurePosixPath
 from string import Formatter
 from typing import Any, NamedTuple
 
-from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget, UnreadableError
+from rosidl_py_gen.compiler.frontend import PackageBudget, UnreadableError
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PATTERN_WORK, PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.values import (
     Bound,
@@ -286,7 +286,7 @@ class Functions:
     def _checked(self, function: Callable[..., object], args: list[object], words: Words) -> object:
         try:
             return function(*args, **words)
-        except BudgetError:
+        except PackageBudget.ExceededError:
             raise
         except UnreadableError as error:
             raise UncertainError(str(error)) from error

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from rosidl_py_gen.compiler.frontend import PackageBudget, note, read_text
+from rosidl_py_gen.compiler.frontend import PackageBudget, PackageFiles, ReadPaths
 from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
 
 _MAGIC = re.compile(r"[*?[]")
@@ -71,7 +71,7 @@ class PackageFolder:
         if place is None or self.changes:
             return None
         self._budget.access()
-        text = read_text(Path(self.path), place)
+        text = PackageFiles(Path(self.path)).read_text(place)
         self._budget.spend(len(text))
         if "\ufffd" in text:
             return None
@@ -89,7 +89,7 @@ class PackageFolder:
             return False
         self._budget.access()
         file = os.path.join(self.path, place)
-        note(file)
+        ReadPaths.note(file)
         return bool(getattr(os.path, kind)(file))
 
     def names(self, path: str) -> Iterator[str | Gap]:
@@ -218,7 +218,7 @@ class PackageFolder:
         path = os.path.join(self.path, place)
         self._budget.access()
         self._budget.spend(_DEPTH_WORK * place.count("/"))
-        note(path)
+        ReadPaths.note(path)
         found = []
         try:
             with os.scandir(path) as scan:

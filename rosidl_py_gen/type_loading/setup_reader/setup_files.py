@@ -6,13 +6,13 @@ INI files such as setup.cfg are parsed as `configparser` reads them, in time tha
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen.base.project import parse_toml
-from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget, UnreadableError, note, read_text
+from rosidl_py_gen.compiler.frontend import PackageBudget, PackageFiles, ReadPaths, UnreadableError
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.install_rules import Install
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
@@ -75,7 +75,7 @@ _MAX_TOML = 64 << 10
 _INSTALLED = ("data_files", "entry_points", "scripts", "packages", "py_modules", "package_dir")
 """Arguments of setuptools' `setup` that determine installed files. If one is uncertain, setup.py is run, provided that
 running is allowed."""
-RunSetup = Callable[[Path, str], SetupArguments]
+RunSetup = Callable[[Path, str], Sequence[Mapping[str, object]]]
 """Function that runs the setup.py in a folder, for a reason, and returns its arguments; raises `RosidlError`."""
 
 
@@ -122,14 +122,14 @@ class PackageSetup:
             "pyproject.toml": _add_pyproject,
         }
         for name, read in readers.items():
-            note(folder / name)
+            ReadPaths.note(folder / name)
             if not os.path.isfile(folder / name):
                 continue
             try:
-                text = read_text(folder, name)
+                text = PackageFiles(folder).read_text(name)
                 budget.spend(len(text))
                 read(found, text, PackageFolder(folder, budget))
-            except BudgetError as error:  # what other files say remains
+            except PackageBudget.ExceededError as error:  # what other files say remains
                 budget.renew()
                 unknown = [one for one in _INSTALLED if one not in found.uncertain and not found.values.get(one)]
                 found.uncertain |= dict.fromkeys(unknown, str(error))
@@ -176,7 +176,7 @@ def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageB
     if run is not None and (error is not None or reasons):
         why = str(error) if error is not None else f"{reasons[0][0]} are not known without it: {reasons[0][1]}"
         try:
-            arguments, error = run(folder, why), None
+            arguments, error = SetupArguments.of_calls(run(folder, why)), None
             budget.renew()
         except RosidlError as failure:
             found.problems.append(str(failure))

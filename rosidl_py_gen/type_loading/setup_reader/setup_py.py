@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from rosidl_py_gen.compiler.frontend import BudgetError, PackageBudget
+from rosidl_py_gen.compiler.frontend import PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.functions import (
     HARMLESS_MODULES,
@@ -634,7 +634,7 @@ def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArgume
             tree = ast.parse(text)
         try:
             return _Interpreter(folder, budget).arguments(tree)
-        except BudgetError as error:
+        except PackageBudget.ExceededError as error:
             budget.renew()
             return _literal_arguments(tree, str(error))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

@@ -23,7 +23,7 @@ from zstandard import ZstdCompressor
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.bags.rewriting import reindex
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 
@@ -215,7 +215,7 @@ def test_invalid_metadata_is_reported(tmp_path: Path, text: str, error_text: str
 )
 @pytest.mark.usefixtures("little_memory")
 def test_invalid_qos_text_is_parsed_as_no_profiles(text: str) -> None:
-    assert qos_profiles(text) == []
+    assert OfferedQoS.parse(text) == []
 
 
 def test_metadata_cannot_refer_to_files_outside_the_bag_folder(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import time
 import pytest
 import yaml
 
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.base.yaml_text import MAX_VALUES, YamlError, YamlText
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.ros_cli.bag.yaml_files import parse
@@ -95,5 +95,5 @@ def test_parsing_time_is_proportional_to_the_text_size() -> None:
     for reader in (parse_value, parse_parameter_file, lambda text: parse(text, "name")):
         with contextlib.suppress(CommandError, ParameterFileError):
             reader(hostile["sexagesimal"])
-    assert qos_profiles("- " + hostile["sexagesimal"]) == []
+    assert OfferedQoS.parse("- " + hostile["sexagesimal"]) == []
     assert time.process_time() - began < 15  # quadratic: a minute for most of these alone

@@ -14,7 +14,7 @@ from support.mcap_records import attachment_record, metadata_record, read_conten
 
 from rosidl_py_gen import compile_definition, get_message, type_name
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, SqliteWriter
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def test_merge_writes_messages_by_log_time_in_one_channel(
     with BagReader(out) as reader:
         channel, *others = (one.channel for one in reader.raw_messages())
         assert all(one is channel for one in others)
-        assert qos_profiles(channel.offered_qos) == [QoSProfile().best_effort()] and channel.type_hash
+        assert OfferedQoS.parse(channel.offered_qos) == [QoSProfile().best_effort()] and channel.type_hash
 
 
 def test_equal_times_are_ordered_by_the_arguments(run_here: Any, tmp_path: Path) -> None:
@@ -164,11 +164,11 @@ def test_other_qos_is_another_channel_and_both_profiles_in_sqlite(run_here: Any,
     out, sql = tmp_path / "out.mcap", tmp_path / "sql"
     assert run_here("bag", "merge", str(out), *map(str, bags))[0::2] == (0, "")
     with BagReader(out) as reader:
-        stored = [qos_profiles(one.channel.offered_qos) for one in reader.raw_messages()]
+        stored = [OfferedQoS.parse(one.channel.offered_qos) for one in reader.raw_messages()]
         assert stored == [[profiles[0]], [profiles[1]]] and len(reader.channels) == 1
     assert run_here("bag", "merge", str(sql), *map(str, bags), "--storage", "sqlite3")[0::2] == (0, "")
     with BagReader(sql) as reader:
-        assert qos_profiles(reader.topics["/s"].offered_qos) == profiles
+        assert OfferedQoS.parse(reader.topics["/s"].offered_qos) == profiles
 
 
 def with_records(path: Path, *records: bytes) -> Path:

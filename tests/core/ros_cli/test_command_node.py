@@ -14,7 +14,6 @@ from support.waiting import until
 
 from rosidl_py_gen import ros_cli
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.command_support import command_node as module
 from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, context_opened_early
 from rosidl_py_gen.command_support.graph_lookup import interface_class
 from rosidl_py_gen.runtime import EnvironmentSettingError
@@ -53,7 +52,7 @@ async def test_discovery_wait_is_extended_if_event_loop_was_blocked(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loop, blocked_s = asyncio.get_running_loop(), 0.0
-    monkeypatch.setattr(module, "now_s", lambda: loop.time() + blocked_s)
+    monkeypatch.setattr(CommandNode, "now_s", staticmethod(lambda: loop.time() + blocked_s))
     async with CommandNode({}) as made:
         waiting = asyncio.ensure_future(made.wait_for_discovery())
         loop.call_later(0.3, dds.node, "late")
@@ -72,9 +71,9 @@ class ChangingGraph:
         self._times, self.seen, self._known = times, 0, endpoints_complete
 
     async def graph_changes(self) -> AsyncIterator[None]:
-        began = module.now_s()
+        began = CommandNode.now_s()
         for time in self._times:
-            await asyncio.sleep(began + time - module.now_s())
+            await asyncio.sleep(began + time - CommandNode.now_s())
             self.seen += 1
             yield
         await asyncio.Event().wait()
@@ -104,11 +103,11 @@ async def test_discovery_wait_lasts_until_graph_stops_changing(
     memory: World, news: Any, are_known: bool, seen: int, took_s: float
 ) -> None:
     made, told = CommandNode({"context": memory.context()}), ChangingGraph(news, endpoints_complete=are_known)
-    start_s = module.now_s()
+    start_s = CommandNode.now_s()
     made.node = made.context = told  # type: ignore[assignment]
     await made.wait_for_discovery()
     assert told.seen == pytest.approx(seen, abs=1)
-    assert module.now_s() - start_s == pytest.approx(took_s, abs=0.001)
+    assert CommandNode.now_s() - start_s == pytest.approx(took_s, abs=0.001)
 
 
 async def test_wait_for_rechecks_condition_without_graph_changes(memory: World) -> None:

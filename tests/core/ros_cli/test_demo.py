@@ -15,7 +15,7 @@ from support.bag_samples import file_size_limit
 
 from rosidl_py_gen import ExtraMissingError, get_action, get_message, get_service
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.numpy import (
     compressedimage_to_array,
     image_to_array,
@@ -488,7 +488,7 @@ async def test_recorded_bag_has_everything_of_the_drive(tool: Any, node: Node, t
         assert ended.err == f"recorded {sum(counts.values())} messages in {path}\n"
         assert {name: counts[name] for name in SENSORS} == {name: row[2] * 4 for name, row in SENSORS.items()}
         assert counts["/map"] == counts["/tf_static"] == 1 and counts["/cmd_vel"] == 10 and counts["/rosout"] > 1
-        (offered,) = qos_profiles(reader.topics["/map"].offered_qos)
+        (offered,) = OfferedQoS.parse(reader.topics["/map"].offered_qos)
         assert offered.durability is Durability.TRANSIENT_LOCAL
         scans = [item for item in reader if item.topic == "/scan"]
         assert scans[-1].message.header.stamp.sec == 4 and scans[-1].log_time == 4_000_000_000

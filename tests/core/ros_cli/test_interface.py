@@ -20,7 +20,7 @@ from rosidl_py_gen import from_dict, get_action, get_message, get_service, type_
 from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.cdr.codec import encode
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.ros_cli.message_text import message_from
 from rosidl_py_gen.type_loading.disk_cache import VARIABLE, CachedDescription
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     RunHere = Callable[..., tuple[int, str, str]]
 
 
-_PACKAGES = scan_search_path([DataFolders.interfaces()], ament="", bundled=False).packages.values()
+_PACKAGES = SearchPath.scan([DataFolders.interfaces()], ament="", bundled=False).packages.values()
 BUNDLED = [str(name) for package in _PACKAGES for name in package.files]
 
 

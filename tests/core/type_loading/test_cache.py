@@ -13,7 +13,7 @@ import pytest
 
 from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.disk_cache import VARIABLE, CachedDescription, cache_folder
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, CachedDescription, CacheFolder, cache_folder
 
 HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
 
@@ -56,9 +56,9 @@ def test_too_large_descriptions_and_unusable_folders_are_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    CachedDescription(HASHES[0]).store(bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
+    CachedDescription(HASHES[0]).store(bytes(CachedDescription.MAX_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
-    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
+    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(CachedDescription.MAX_BYTES + 1))
     (tmp_path / f"{HASHES[1]}.cdr").mkdir()
     assert CachedDescription(HASHES[0]).load() is CachedDescription(HASHES[1]).load() is None
     CachedDescription(HASHES[1]).store(b"x")
@@ -119,19 +119,21 @@ def test_no_kind_of_cached_folder_is_used_if_other_users_can_write(
     for kind in KINDS:
         make_folder(home / kind)
     assert disk_cache.own_folder() == home / "modules" and cache_folder() == home
-    prefixes = [disk_cache.cached_folder(kind, ["words"]) for kind in ("prefix", "share")]
-    assert [one.parent.parent for one in prefixes] == [home, home] and all(map(disk_cache.is_usable, prefixes))
+    prefixes = [CacheFolder.create(kind, ["words"]).path for kind in ("prefix", "share")]
+    assert [one.parent.parent for one in prefixes] == [home, home] and all(
+        CacheFolder(one).is_usable() for one in prefixes
+    )
     change(home)
-    assert not any(map(disk_cache.is_usable, prefixes))
+    assert not any(CacheFolder(one).is_usable() for one in prefixes)
     assert disk_cache.own_folder() is disk_cache.own_folder(create=True) is None
     with pytest.warns(UserWarning, match="a temporary folder is used instead of the cache") as warned:
-        others = [disk_cache.cached_folder(kind, ["words"]) for kind in ("prefix", "share")]
-        others += [disk_cache.cached_folder(kind, ["words"]) for kind in ("prefix", "share")]
+        others = [CacheFolder.create(kind, ["words"]).path for kind in ("prefix", "share")]
+        others += [CacheFolder.create(kind, ["words"]).path for kind in ("prefix", "share")]
     assert len(warned) == len({str(one.message) for one in warned}) <= 2  # once for each reason
     for folder in others:
         assert home.parent not in folder.parents
         assert [stat.S_IMODE(one.stat().st_mode) for one in (folder, *folder.parents[:2])] == [0o700] * 3
-        assert not disk_cache.is_usable(folder)
+        assert not CacheFolder(folder).is_usable()
 
 
 @needs_owners
@@ -150,12 +152,12 @@ def test_descriptions_are_neither_read_nor_written_if_other_users_can_write(home
 def test_new_cached_folders_and_files_are_private_with_any_umask(home: Path, mask: int) -> None:
     old = os.umask(mask)
     try:
-        folder = disk_cache.cached_folder("prefix", ["words"])
+        folder = CacheFolder.create("prefix", ["words"]).path
         CachedDescription(HASHES[0]).store(b"x")
         disk_cache.store_checked(home / "modules/one.scan", b"x", max_files=9)
     finally:
         os.umask(old)
-    assert CachedDescription(HASHES[0]).load() == b"x" and disk_cache.is_usable(folder)
+    assert CachedDescription(HASHES[0]).load() == b"x" and CacheFolder(folder).is_usable()
     modes = {str(one.relative_to(home)): stat.S_IMODE(one.stat().st_mode) for one in [home, *home.rglob("*")]}
     assert {mode for name, mode in modes.items() if (home / name).is_dir()} == {0o700}
     assert {mode for name, mode in modes.items() if (home / name).is_file()} == {0o600}
@@ -165,28 +167,28 @@ def test_new_cached_folders_and_files_are_private_with_any_umask(home: Path, mas
 @pytest.mark.parametrize("mode", [0o777, 0o775, 0o757])
 @pytest.mark.parametrize("place", ["", "lib", "lib/site-packages", "lib/site-packages/json.py"])
 def test_a_cached_folder_that_was_writable_at_any_depth_is_replaced(home: Path, mode: int, place: str) -> None:
-    folder = disk_cache.cached_folder("prefix", ["words"])
+    folder = CacheFolder.create("prefix", ["words"]).path
     make_folder(folder / "lib/site-packages", is_private=False)
     (folder / "lib/site-packages/json.py").touch(0o644)
     folder.chmod(0o755)  # other users can enter it
-    assert not disk_cache.is_usable(folder)
-    assert disk_cache.cached_folder("prefix", ["words"]) == folder
-    assert disk_cache.is_usable(folder) and (folder / "lib/site-packages/json.py").exists()
+    assert not CacheFolder(folder).is_usable()
+    assert CacheFolder.create("prefix", ["words"]).path == folder
+    assert CacheFolder(folder).is_usable() and (folder / "lib/site-packages/json.py").exists()
     folder.chmod(0o755)
     (folder / place).chmod(mode)
     with pytest.warns(UserWarning, match=r"can write into .* was renamed to .*\.untrusted-1, and created again"):
-        assert disk_cache.cached_folder("prefix", ["words"]) == folder
+        assert CacheFolder.create("prefix", ["words"]).path == folder
     assert [*folder.iterdir()] == [] and (home / f"prefix/{folder.name}.untrusted-1/lib").is_dir()
-    assert disk_cache.is_usable(folder)
+    assert CacheFolder(folder).is_usable()
 
 
 @needs_owners
 def test_folders_of_any_mode_in_a_private_cached_folder_remain(home: Path) -> None:
     """Programs write into their share folder with the umask of the user."""
-    folder = disk_cache.cached_folder("share", ["words"])
+    folder = CacheFolder.create("share", ["words"]).path
     (folder / "maps").mkdir()
     (folder / "maps").chmod(0o777)
-    assert disk_cache.cached_folder("share", ["words"]) == folder and (folder / "maps").is_dir()
+    assert CacheFolder.create("share", ["words"]).path == folder and (folder / "maps").is_dir()
 
 
 @needs_root
@@ -195,20 +197,20 @@ def test_a_cache_of_another_user_is_not_used(home: Path, place: str) -> None:
     make_folder(home / "prefix")
     give_away(home.parent / place)
     with pytest.warns(UserWarning, match="belongs to user .* a temporary folder is used"):
-        assert home not in disk_cache.cached_folder("prefix", ["words"]).parents
+        assert home not in CacheFolder.create("prefix", ["words"]).path.parents
 
 
 @needs_root
 @pytest.mark.parametrize("place", ["", "lib", "lib/json.py", "link"])
 def test_a_prefix_with_files_of_another_user_is_replaced(home: Path, place: str) -> None:
-    folder = disk_cache.cached_folder("prefix", ["words"])
+    folder = CacheFolder.create("prefix", ["words"]).path
     make_folder(folder / "lib", is_private=False)
     (folder / "lib/json.py").touch()
     (folder / "link").symlink_to("/nowhere")
     folder.chmod(0o755)
     give_away(folder / place)
     with pytest.warns(UserWarning, match="was renamed"):
-        assert disk_cache.cached_folder("prefix", ["words"]) == folder
+        assert CacheFolder.create("prefix", ["words"]).path == folder
     assert [*folder.iterdir()] == []
 
 
@@ -219,7 +221,7 @@ def test_a_cache_that_cannot_be_created_is_replaced_by_a_temporary_folder(
     home.touch()
     monkeypatch.setenv(VARIABLE, str(home / "below/a/file"))
     with pytest.warns(UserWarning, match="a temporary folder is used instead of the cache"):
-        assert disk_cache.cached_folder("prefix", ["words"]).is_dir()
+        assert CacheFolder.create("prefix", ["words"]).path.is_dir()
 
 
 @needs_owners
@@ -231,6 +233,6 @@ def test_temporary_folders_are_not_created_where_other_users_can_replace_them(
     monkeypatch.setenv(VARIABLE, "off")
     monkeypatch.setattr(tempfile, "tempdir", str(home / "open"))
     disk_cache.temporary_home.cache_clear()
-    folder = disk_cache.cached_folder("prefix", ["words"])
+    folder = CacheFolder.create("prefix", ["words"]).path
     disk_cache.temporary_home.cache_clear()
     assert home not in folder.parents and folder.is_dir()

@@ -22,9 +22,9 @@ from rosidl_py_gen import (
 )
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.resources import DataFolders
-from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces, files_below
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces, files_below
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+from rosidl_py_gen.compiler.generate import LoadedInterfaces
 from rosidl_py_gen.type_loading.class_lookup import definition_origin, distribution_definitions, find_class
 
 # Computed by rosidl's own tools from the files of the distributions (docs/internals/protocol.md 1.9).
@@ -63,8 +63,8 @@ def test_definition_of_a_distribution_has_the_hash_computed_by_rosidl(name: str,
 
 @pytest.mark.parametrize("distro", Distribution.BUNDLED)
 def test_every_definition_of_a_distribution_is_valid(distro: str) -> None:
-    search = scan_search_path(ament="", distro=distro)
-    _, names = load(search, [])
+    search = SearchPath.scan(ament="", distro=distro)
+    _, names = LoadedInterfaces.load(search, [])
     assert len(names) == sum(len(package.files) for package in search.packages.values())
 
 
@@ -74,7 +74,7 @@ def test_stored_definitions_of_a_distribution_differ_from_the_default_and_are_us
         if distro != "COLCON_IGNORE":
             stored = [files_below(one, top / distro / one) for one in os.listdir(top / distro) if one != "absent.txt"]
             names = {name for files in stored for name in files}
-            assert names <= changed_interfaces(distro)
+            assert names <= BundledInterfaces.of(distro).changed
             for name, path in ((name, path) for files in stored for name, path in files.items()):
                 default = DataFolders.interfaces() / name.package / name.kind / path.name
                 assert not default.exists() or default.read_text() != path.read_text()
@@ -202,11 +202,11 @@ def test_wheels_of_ros_are_on_the_search_path(tmp_path: Path, monkeypatch: pytes
         if package != "..":
             (index / package).write_text("msg/Range.msg\n")
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
-    search = scan_search_path(ament="")
+    search = SearchPath.scan(ament="")
     assert search.packages["acme_msgs"].origin == search.packages["sensor_msgs"].origin == "installed"
     assert not {"ros1_msgs", "gone_msgs", "Not_a_package"} & search.packages.keys()
     assert search.packages["std_msgs"].origin == "bundled"
-    assert scan_search_path(ament="", distro="jazzy").packages["sensor_msgs"].origin == "bundled"
+    assert SearchPath.scan(ament="", distro="jazzy").packages["sensor_msgs"].origin == "bundled"
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from support.interface_packages import write
 from support.rclpy_messages import hooked
 
 from rosidl_py_gen import DefinitionError, ImportHookWarning, RosidlError, get_message, install_import_hook
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.type_loading import disk_cache
 from rosidl_py_gen.type_loading.disk_cache import VARIABLE
@@ -197,7 +197,7 @@ def test_packages_that_were_generated_are_used_with_a_warning_for_another_api(
 ) -> None:
     """Generated packages equal those of the hook, except for the API."""
     write(tmp_path, {"defs/made_msgs/msg/A.msg": "int32 a"})
-    generate(scan_search_path([tmp_path / "defs"], ament=""), ["made_msgs"], tmp_path / "out")
+    generate(SearchPath.scan([tmp_path / "defs"], ament=""), ["made_msgs"], tmp_path / "out")
     monkeypatch.syspath_prepend(str(tmp_path / "out"))
     with (
         hooked(warns=True, message_api=message_api, path=tmp_path / "defs"),

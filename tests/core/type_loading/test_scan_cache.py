@@ -43,13 +43,13 @@ def _folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def scans(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Record the searches that were not read from the cache."""
     made: list[object] = []
-    original = scan_cache.scan_search_path
+    original = SearchPath.scan
 
     def counted(*arguments: object, **settings: object) -> SearchPath:
         made.append(arguments)
         return original(*arguments, **settings)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(scan_cache, "scan_search_path", counted)
+    monkeypatch.setattr(SearchPath, "scan", counted)
     return made
 
 
@@ -201,7 +201,7 @@ def test_concurrent_searches_may_write_the_cache(tmp_path: Path) -> None:
 
 def test_cached_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace_packages(_workspace(tmp_path))
-    monkeypatch.setattr(search_path, "note", lambda folder: pytest.fail("walked"))
+    monkeypatch.setattr(search_path.ReadPaths, "note", lambda folder: pytest.fail("walked"))
     assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "robot"}
 
 

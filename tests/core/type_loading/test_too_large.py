@@ -16,7 +16,7 @@ from rosidl_py_gen import DefinitionError, compile_definition, get_message
 from rosidl_py_gen.bags import BagReader, BagWarning, DecoderFactory
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.fieldtype import FieldType
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_ELEMENTS
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.type_loading.from_description import DescribedType
@@ -57,7 +57,7 @@ def test_imports_are_refused(folder: Path, api: Any) -> None:
 
 
 def test_generation_is_refused_or_goes_on_with_the_other_messages(folder: Path, tmp_path: Path) -> None:
-    search, out = scan_search_path([folder], ament=""), tmp_path / "out"
+    search, out = SearchPath.scan([folder], ament=""), tmp_path / "out"
     with pytest.raises(DefinitionError, match=rf"Wide\.msg{REASON}"):
         generate(search, ["wide_msgs"], out)
     assert not out.exists()

@@ -24,7 +24,7 @@ from support.bag_samples import file_size_limit, require_error, write_strings
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagMessage, BagReader, BagTopic, BagWriter, DecoderFactory
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.runtime import Durability, QoSProfile
 from rosidl_py_gen.runtime.loop.event_loop import VirtualTimeLoop
 
@@ -226,7 +226,7 @@ def test_offered_qos_is_stored_and_read_back(tmp_path: Path) -> None:
         writer.write("/map", String())
     for place in (tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"):
         with BagReader(place) as reader:
-            assert qos_profiles(reader.topics["/map"].offered_qos) == [latched]
+            assert OfferedQoS.parse(reader.topics["/map"].offered_qos) == [latched]
     with BagWriter(tmp_path / "split", split_s=1) as writer:
         writer.add_topic("/silent", String, qos=[latched])
         writer.write("/map", String(), 0)
@@ -234,7 +234,7 @@ def test_offered_qos_is_stored_and_read_back(tmp_path: Path) -> None:
     for place in ("split_0.mcap", "split_1.mcap"):  # a topic without messages is in all of them, as rosbag2 has it
         with BagReader(tmp_path / "split" / place) as reader:
             assert {name: topic.count for name, topic in reader.topics.items()} == {"/map": 1, "/silent": 0}
-    assert qos_profiles("- {history: keep_last") == qos_profiles("5") == []
+    assert OfferedQoS.parse("- {history: keep_last") == OfferedQoS.parse("5") == []
 
 
 def test_playback_preserves_time_intervals_scaled_by_rate(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from support.reference_cdr import NUMBERS
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
 from rosidl_py_gen.compiler.frontend.model import MessageDef
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 FLOATS: tuple[float | str, ...] = (0.0, -0.0, 1.5, 1e-40, "NaN", "Infinity", "-Infinity")
 LETTERS = "aZ09 '\"\\/{}%\n\t\x01é€ハ😀\u200d\uffff"
@@ -26,7 +26,7 @@ class RandomMessages:
     """Values for messages of the packages in a folder."""
 
     def __init__(self, share: Path) -> None:
-        self._registry = InterfaceRegistry(scan_search_path([share], ament="", bundled=False))
+        self._registry = InterfaceRegistry(SearchPath.scan([share], ament="", bundled=False))
 
     def make(self, name: str, count: int) -> list[dict[str, Any]]:
         """Return values in the format of `to_json`."""

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 import rosidl_py_gen
-from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.generator_cli import main
 from rosidl_py_gen.wheels.build import build, read_manifest
@@ -90,7 +90,7 @@ GENERATOR = "-c", "from rosidl_py_gen.generator_cli import main; main()"
 
 
 def test_each_package_becomes_wheel_with_metadata_of_its_manifest(workspace: Path, tmp_path: Path) -> None:
-    search = scan_search_path([workspace])
+    search = SearchPath.scan([workspace])
     built = build(search, [], tmp_path / "dist")
     names = [one.path.name for one in built]
     assert names == [
@@ -120,7 +120,7 @@ def test_each_package_becomes_wheel_with_metadata_of_its_manifest(workspace: Pat
 
 def test_without_names_all_bundled_packages_become_wheels(tmp_path: Path, capsys: Any) -> None:
     main(["wheel", "--out", str(tmp_path)])
-    written, names = capsys.readouterr().out.splitlines(), [*bundled_packages(Distribution.DEFAULT)]
+    written, names = capsys.readouterr().out.splitlines(), [*BundledInterfaces.of(DEFAULT).packages]
     assert [Path(path).name.partition("-")[0] for path in written] == sorted(names)
     assert sorted(path.name for path in tmp_path.iterdir()) == [Path(path).name for path in written]
 
@@ -133,7 +133,7 @@ def test_installation_of_unknown_package_names_the_known_packages(capsys: Any) -
 
 
 def test_wheel_builds_are_reproducible(workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    search = scan_search_path([workspace])
+    search = SearchPath.scan([workspace])
 
     def made(folder: str) -> bytes:
         return build(search, ["wheel_base_msgs"], tmp_path / folder, dependencies=False)[0].path.read_bytes()
@@ -168,7 +168,7 @@ def test_line_breaks_in_manifest_do_not_inject_metadata_headers(tmp_path: Path) 
     package = source(tmp_path, "odd_msgs", "1.0.0", Odd="int32 x\n")
     manifest = package / "package.xml"
     manifest.write_text(manifest.read_text().replace("Apache-2.0", "MIT\nRequires-Dist: evil\n\nbody"))
-    (built,) = build(scan_search_path([tmp_path]), ["odd_msgs"], tmp_path / "dist")
+    (built,) = build(SearchPath.scan([tmp_path]), ["odd_msgs"], tmp_path / "dist")
     with zipfile.ZipFile(built.path) as wheel:
         told = wheel.read("odd_msgs-1.0.0.dist-info/METADATA").decode()
     assert "\nRequires-Dist: evil" not in told and "License: MIT Requires-Dist: evil body\n" in told

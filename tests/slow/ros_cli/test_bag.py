@@ -27,7 +27,7 @@ from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.ros_cli.bag.player_recorder import keys_of, read_keys
 from rosidl_py_gen.runtime import BackendMissingError, Durability, QoSProfile, Reliability
 
@@ -82,7 +82,7 @@ async def test_record_all_stores_messages_and_offered_qos_readable_by_rosbags(
     assert f"recorded 52 messages of 3 topics, {size} B, in {tmp_path / 'bag'}\n" in ended.err
     with BagReader(tmp_path / "bag") as reader:
         assert {name: topic.count for name, topic in reader.topics.items()} == {"/late": 1, "/map": 1, "/words": 50}
-        (offered,) = qos_profiles(reader.topics["/map"].offered_qos)
+        (offered,) = OfferedQoS.parse(reader.topics["/map"].offered_qos)
         assert (offered.durability, offered.reliability) == (Durability.TRANSIENT_LOCAL, Reliability.RELIABLE)
         assert reader.has_index
         items = list(reader.messages("/words"))

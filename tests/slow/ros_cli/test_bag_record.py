@@ -16,7 +16,7 @@ from support.waiting import until
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
@@ -271,7 +271,7 @@ async def test_service_events_are_recorded_with_type_and_qos(node: Node, tool: A
     topic = metadata["topic_metadata"]
     assert (topic["name"], topic["type"]) == (ADD, "example_interfaces/srv/AddTwoInts_Event")
     assert topic["type_description_hash"] == type_hash(AddTwoInts.Event)
-    for offered in qos_profiles(topic["offered_qos_profiles"]):
+    for offered in OfferedQoS.parse(topic["offered_qos_profiles"]):
         assert (offered.durability, offered.reliability) == (Durability.TRANSIENT_LOCAL, Reliability.RELIABLE)
     with BagReader(path) as reader:
         events = [item.message for item in reader]
@@ -298,7 +298,7 @@ async def test_feedback_and_status_of_running_action_are_recorded(node: Node, to
         assert [*feedback.feedback.sequence] == [1]
         statuses = [item.message for item in reader.messages("/fib/_action/status")]
         assert statuses[-1].status_list[-1].status == 4  # succeeded
-        (offered,) = qos_profiles(reader.topics["/fib/_action/status"].offered_qos)
+        (offered,) = OfferedQoS.parse(reader.topics["/fib/_action/status"].offered_qos)
         assert offered.durability is Durability.TRANSIENT_LOCAL
 
 
@@ -323,7 +323,7 @@ async def test_qos_overrides_apply_to_recorder_subscriptions(node: Node, tool: A
         await until(lambda: count_of(path) == 2)
     assert sorted(words_of(path)) == ["after", "kept"]
     with BagReader(path) as reader:  # what is in the bag is what was offered
-        (offered,) = qos_profiles(reader.topics["/words"].offered_qos)
+        (offered,) = OfferedQoS.parse(reader.topics["/words"].offered_qos)
         assert offered.durability is Durability.TRANSIENT_LOCAL
     file.write_text("/words:\n  depht: 3\n")
     ended = await tool("bag", "record", "/words", "--qos-profile-overrides-path", str(file))

@@ -25,7 +25,7 @@ from support.worlds import World
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.runtime import Durability, Node, QoSProfile
 
@@ -385,7 +385,7 @@ def compare(model: Model, recorded: list[Topic], path: Path) -> None:
         found = [(one.channel.name, bytes(one.data), one.log_time) for one in reader.raw_messages()]
         topics = {name: (topic.count, topic.type_hash) for name, topic in reader.topics.items()}
         for topic in recorded:
-            offered = {one.durability for one in qos_profiles(reader.topics[topic.name].offered_qos)}
+            offered = {one.durability for one in OfferedQoS.parse(reader.topics[topic.name].offered_qos)}
             assert offered == ({Durability.TRANSIENT_LOCAL} if topic.is_published else set())
     if not options.sim_time:
         assert [at for _, _, at in found] == sorted(at for _, _, at in found)

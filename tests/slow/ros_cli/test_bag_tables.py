@@ -20,7 +20,7 @@ from support.bag_samples import write_strings
 
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagWriter, writer
-from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
+from rosidl_py_gen.bags.remote import BagLocation
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.tables import multi_bag
 
@@ -357,8 +357,8 @@ def test_file_names_may_contain_wildcards_and_colons(run_here: Any, tmp_path: Pa
     assert run_here("bag", "sql", "select * exclude (log_time, publish_time) from s", str(out)) == (0, "/s\ta::b\n", "")
     assert run_here("bag", "sql", "select data from s", f"{tmp_path}/speed*/drive::x/a::*.mcap") == (0, "/s\n", "")
     urls = "s3://b/a::b.mcap", "simplecache::s3://b", "zip://a::b", "zip://a::s3://b", "c://b", "/a/b://c", "a::b"
-    assert [one for one in (*urls, "a b://c") if is_url(one)] == [*urls[:4]]
-    assert [one for one in (*urls, "a b://c") if has_colons_in_names(one)] == [urls[0]]
+    assert [one for one in (*urls, "a b://c") if BagLocation(one).is_url] == [*urls[:4]]
+    assert [one for one in (*urls, "a b://c") if BagLocation(one).has_colons_in_names] == [urls[0]]
 
 
 def test_wide_rows_are_printed_one_field_per_line(capsys: Any, monkeypatch: Any) -> None:

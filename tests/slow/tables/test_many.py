@@ -20,7 +20,7 @@ from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, write
 from rosidl_py_gen.tables import bag_tasks, multi_bag, write_dataset, write_datasets
 from rosidl_py_gen.tables.bag_tasks import run_task
 from rosidl_py_gen.tables.multi_bag import names_of
-from rosidl_py_gen.tables.query import Database, find_sources
+from rosidl_py_gen.tables.query import Database
 
 
 def stamps(out: Path) -> dict[str, int]:
@@ -249,7 +249,7 @@ def test_memory_file_system_may_contain_bags_and_datasets(tmp_path: Path) -> Non
     assert rows("memory://many/out") == [("a", 1), ("a", 2), ("b", 3), ("folder", 4)]
     again = write_datasets(["memory://many/*.mcap", "memory://many/folder"], "memory://many/out")
     assert said(again) == ([], ["a", "b", "folder"], ["memory://many/c.mcap"])
-    sources = find_sources(["memory://many/out", "memory://many/a.mcap"])
+    sources = Database.find_sources(["memory://many/out", "memory://many/a.mcap"])
     assert sources == ({"a": "memory://many/a.mcap"}, ["memory://many/out"])
     with Database() as base, BagReader("memory://many/a.mcap") as bag:
         query = "select bag, count(*) from n group by bag order by bag"

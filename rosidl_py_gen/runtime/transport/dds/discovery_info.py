@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
-from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_ALIGN, NUL, align_offset
+from rosidl_py_gen.cdr.layout import COUNT_BYTES, NETWORK_ALIGN, NUL, Header
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs import internal_logger
@@ -52,7 +52,7 @@ _MAX_ITEMS = 1 << 20
 def encode_message(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is_humble: bool = False) -> bytes:
     """Encode the message by which a participant announces its nodes; with `is_humble`, in the layout of Humble."""
     gid_bytes = HUMBLE_GID_BYTES if is_humble else GID_BYTES
-    out = bytearray(HEADER)
+    out = bytearray(Header.BYTES)
     out += participant_guid.ljust(gid_bytes, b"\0")
     entries = list(nodes)
     _append_count(out, len(entries))
@@ -68,7 +68,7 @@ def encode_message(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is
 
 
 def _append_count(out: bytearray, count: int) -> None:
-    out += bytes(align_offset(len(out), COUNT_BYTES) - len(out))
+    out += bytes(Header.align(len(out), COUNT_BYTES) - len(out))
     out += count.to_bytes(COUNT_BYTES, "little")
 
 
@@ -90,7 +90,7 @@ def decode_message(data: Payload, sender_prefix: bytes) -> NodesAnnounced:
             is_humble = True
         except DecodeError:
             raise error from None
-    participant = raw[HEADER_BYTES : HEADER_BYTES + GUID_PREFIX_BYTES] + _PARTICIPANT
+    participant = raw[Header.SIZE : Header.SIZE + GUID_PREFIX_BYTES] + _PARTICIPANT
     return NodesAnnounced(participant, tuple(nodes), is_humble)
 
 
@@ -104,11 +104,11 @@ class _MessageCursor:
     data: bytes
     gid_bytes: int
     sender_prefix: bytes
-    position: int = HEADER_BYTES
+    position: int = Header.SIZE
 
     def message(self) -> list[NodeEntities]:
         if self._read(self.gid_bytes)[:GUID_PREFIX_BYTES] != self.sender_prefix:
-            raise DecodeError(f"{_TYPE}.gid", HEADER_BYTES, "expected the GUID of the sender")
+            raise DecodeError(f"{_TYPE}.gid", Header.SIZE, "expected the GUID of the sender")
         nodes = [self._node() for _ in range(self._count("node_entities_info_seq"))]
         # The network pads to a multiple of 4 (docs/internals/protocol.md 2.4).
         left = len(self.data) - self.position
@@ -131,7 +131,7 @@ class _MessageCursor:
         return data
 
     def _number(self) -> int:
-        self.position = align_offset(self.position, COUNT_BYTES)
+        self.position = Header.align(self.position, COUNT_BYTES)
         return int.from_bytes(self._read(COUNT_BYTES), "little")
 
     def _count(self, field: str) -> int:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import zenoh
 
-from rosidl_py_gen.cdr.layout import HEADER_BYTES
+from rosidl_py_gen.cdr.layout import Header
 from rosidl_py_gen.errors import ClosedError, printable
 from rosidl_py_gen.runtime.transport.api import NoReply, ServerAvailability, TransportError
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, fair_queue_share
@@ -238,7 +238,7 @@ class _InFlightQuery:
             self._reason = ("did not answer in time" if is_late else f"answered with an error: {text}",)
             return
         data = sample.payload.to_bytes()
-        if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
+        if self._client.read_attachment(sample) is not None and len(data) >= Header.SIZE:
             self.is_over = True
             self._client.receive((self._number, data, self._client.replying_server(reply)))
 
@@ -295,7 +295,7 @@ class ZenohServer(_ZenohServiceEndpoint):
     def _take(self, query: Any) -> None:
         attachment = self.read_attachment(query)
         data = b"" if query.payload is None else query.payload.to_bytes()
-        if attachment is None or len(data) < HEADER_BYTES:
+        if attachment is None or len(data) < Header.SIZE:
             query.drop()
             return
         number, source_ns, gid = attachment

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from support.interface_packages import run, write
 
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, OutputError
 
@@ -88,7 +88,7 @@ def test_interfaces_generated_one_by_one_equal_a_complete_run(sources: Path, out
 
 
 def test_dry_run_writes_no_files_and_reports_equal_changes(sources: Path, out: Path) -> None:
-    search = scan_search_path([sources], ament="")
+    search = SearchPath.scan([sources], ament="")
     dry = generate(search, ["a_msgs"], out, dry=True).changes
     assert not out.exists()
     assert generate(search, ["a_msgs"], out).changes == dry

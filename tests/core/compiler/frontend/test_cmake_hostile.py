@@ -18,7 +18,7 @@ from support.example_counts import examples
 from support.interface_packages import write
 
 from rosidl_py_gen.compiler.frontend.cmake_interfaces import CMakeInterfaceList
-from rosidl_py_gen.compiler.frontend.search_path import Package, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
 
 MANIFEST = "<package><name>a_msgs</name></package>"
 CALL = "rosidl_generate_interfaces(a_msgs ${x} msg/A.msg)\n"
@@ -28,7 +28,7 @@ MAX_BYTES = 100 << 20
 
 def package(folder: Path, cmake: str | bytes) -> Package:
     write(folder / "a_msgs", {"package.xml": MANIFEST, "msg/A.msg": "", "CMakeLists.txt": cmake})
-    return scan_search_path([folder], ament="", bundled=False).packages["a_msgs"]
+    return SearchPath.scan([folder], ament="", bundled=False).packages["a_msgs"]
 
 
 def parentheses(count: int) -> str:

@@ -9,7 +9,7 @@ import pytest
 from support.cmake_script import listed_by_cmake, needs_cmake
 from support.interface_packages import problems_of, run, write
 
-from rosidl_py_gen.compiler.frontend.search_path import Package, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
 
 FILES = (
     *("msg/A.msg", "msg/B.msg", "msg/C.msg", "msg/Stray.msg", "msg/ros1/A.msg", "msg/ros2/A.msg", "msg/ros2/D.msg"),
@@ -22,7 +22,7 @@ MANIFEST = {"package.xml": "<package><name>a_msgs</name></package>"}
 def package(folder: Path, cmake: str, more: dict[str, str] | None = None) -> Package:
     content = {name: CONTENT[Path(name).suffix] for name in FILES}
     write(folder / "a_msgs", {**content, **MANIFEST, "CMakeLists.txt": cmake, **(more or {})})
-    return scan_search_path([folder], ament="", bundled=False).packages["a_msgs"]
+    return SearchPath.scan([folder], ament="", bundled=False).packages["a_msgs"]
 
 
 def taken(found: Package) -> set[str]:
@@ -546,7 +546,7 @@ def test_links_directly_in_msg_may_lead_out_of_the_package(tmp_path: Path) -> No
 def test_all_listed_files_may_be_in_other_folders(tmp_path: Path) -> None:
     cmake = "rosidl_generate_interfaces(b_msgs topics/msg/T.msg)"
     files = {"package.xml": "<package><name>b_msgs</name></package>", "CMakeLists.txt": cmake, "topics/msg/T.msg": ""}
-    found = scan_search_path([write(tmp_path / "b", files)], ament="", bundled=False)
+    found = SearchPath.scan([write(tmp_path / "b", files)], ament="", bundled=False)
     assert [str(name) for name in found.packages["b_msgs"].files] == ["b_msgs/msg/T"]
 
 
@@ -560,6 +560,6 @@ def test_installed_packages_and_folders_without_manifest_ignore_cmake_lists(tmp_
     cmake = "rosidl_generate_interfaces(a_msgs msg/A.msg)"
     installed = write(tmp_path / "prefix/share/a_msgs", {A: "", B: "", **MANIFEST, "CMakeLists.txt": cmake})
     plain = write(tmp_path / "plain/b_msgs", {A: "", B: "", "CMakeLists.txt": cmake})
-    found = scan_search_path([plain], ament=str(tmp_path / "prefix"), bundled=False)
+    found = SearchPath.scan([plain], ament=str(tmp_path / "prefix"), bundled=False)
     assert {name: len(one.files) for name, one in found.packages.items()} == {"a_msgs": 2, "b_msgs": 2}
     assert installed != plain

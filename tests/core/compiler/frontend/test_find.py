@@ -12,8 +12,8 @@ from support.interface_packages import problems_of, write
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
-from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+from rosidl_py_gen.compiler.generate import LoadedInterfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 POINT = {"a_msgs/msg/Point.msg": "float64 x"}
@@ -24,7 +24,7 @@ def packages(search: SearchPath) -> dict[str, str]:
 
 
 def only(folder: Path) -> SearchPath:
-    return scan_search_path([folder], ament="", bundled=False)
+    return SearchPath.scan([folder], ament="", bundled=False)
 
 
 # --- folders for --path -------------------------------------------------------------------------------------------------
@@ -96,15 +96,15 @@ def test_interface_packages_in_ignored_folders_are_not_found(tmp_path: Path, mar
 )
 def test_folder_without_a_usable_package_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
     with pytest.raises(DefinitionError) as caught:
-        load(only(write(tmp_path, files)), [])
+        LoadedInterfaces.load(only(write(tmp_path, files)), [])
     assert text in str(caught.value)
 
 
 def test_package_with_an_illegal_name_is_an_error_only_if_it_is_selected(tmp_path: Path) -> None:
     found = only(write(tmp_path, {**POINT, "2bad/msg/A.msg": ""}))
-    assert [str(name) for name in load(found, ["a_msgs"])[1]] == ["a_msgs/msg/Point"]
+    assert [str(name) for name in LoadedInterfaces.load(found, ["a_msgs"])[1]] == ["a_msgs/msg/Point"]
     with pytest.raises(DefinitionError, match="is not a legal package name"):
-        load(found, ["2bad"])
+        LoadedInterfaces.load(found, ["2bad"])
 
 
 def test_two_packages_of_one_name_in_one_search_path_entry_are_refused(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_folder_given_twice_is_searched_once(tmp_path: Path) -> None:
     package = tmp_path / "a_msgs"
     (tmp_path / "link").symlink_to(package)
     for folders in ([package, package], [package, tmp_path], [package, tmp_path / "link"], [tmp_path, f"{tmp_path}/"]):
-        found = scan_search_path(folders, ament="", bundled=False)
+        found = SearchPath.scan(folders, ament="", bundled=False)
         assert found.packages["a_msgs"].folder.samefile(package) and found.hidden == [], folders
 
 
@@ -172,7 +172,7 @@ def test_search_order_is_paths_then_ament_then_bundled(tmp_path: Path, monkeypat
         write(share, {"not_interfaces/package.xml": "<name>x</name>", "Not-A-Package/msg/A.msg": ""})
     prefixes = [str(tmp_path / prefix) for prefix in ("first", "second")]
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([*prefixes, "", "/does/not/exist"]))
-    found = scan_search_path([tmp_path / "one", tmp_path / "two"])
+    found = SearchPath.scan([tmp_path / "one", tmp_path / "two"])
     origins = packages(found)
     assert origins["std_msgs"] == str(tmp_path / "one")
     assert origins["b_msgs"] == str(tmp_path / "two")
@@ -200,7 +200,7 @@ WORLD = {
 
 
 def chosen(folder: Path, *wanted: str) -> set[str]:
-    library = InterfaceRegistry(scan_search_path([write(folder, WORLD)], ament=""))
+    library = InterfaceRegistry(SearchPath.scan([write(folder, WORLD)], ament=""))
     return {str(name) for name in select(library, list(wanted))}
 
 
@@ -331,7 +331,7 @@ def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: py
     }
     monkeypatch.chdir(write(tmp_path, files))
     monkeypatch.syspath_prepend(tmp_path / "generated")
-    search = scan_search_path(["src"], ament="prefix", bundled=False)
+    search = SearchPath.scan(["src"], ament="prefix", bundled=False)
     where = "(searched: src, prefix)"
     reasons = {
         "nowhere_msgs": f"no package {where}",
@@ -345,7 +345,7 @@ def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: py
     }
     for package, reason in reasons.items():
         with pytest.raises(DefinitionError) as caught:
-            load(search, [package])
+            LoadedInterfaces.load(search, [package])
         assert str(caught.value) == f"{package}: {reason}"
         with pytest.raises(TypeNotFoundError) as missing:
             InterfaceRegistry(search).read_checked(RosName(package, "msg", "A"))
@@ -368,7 +368,7 @@ def test_search_for_the_reason_of_a_missing_package_is_bounded(tmp_path: Path, m
     scan = os.scandir
     monkeypatch.setattr(os, "scandir", lambda place: visited.append(str(place)) or scan(place))
     with pytest.raises(DefinitionError, match="no package"):
-        load(SearchPath({}), ["x_msgs"])
+        LoadedInterfaces.load(SearchPath({}), ["x_msgs"])
     assert len(visited) < 100
 
 
@@ -409,7 +409,7 @@ def test_a_missing_package_is_reported_once_for_each_file_and_explained_once(tmp
 
 
 def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    search = scan_search_path([write(tmp_path, {"a_msgs/msg/A.msg": "int32 x"})], ament="", bundled=False)
+    search = SearchPath.scan([write(tmp_path, {"a_msgs/msg/A.msg": "int32 x"})], ament="", bundled=False)
     real = os.scandir
 
     def refuse(folder: Path) -> object:
@@ -425,7 +425,7 @@ def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
 def test_index_of_ros_packages_that_cannot_be_reached_is_not_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected = scan_search_path().packages.keys()
+    expected = SearchPath.scan().packages.keys()
     (tmp_path / "loop").symlink_to("loop")
     monkeypatch.setattr(InstalledInterfaces, "ros_index", lambda: str(tmp_path / "loop" / "index"))
-    assert scan_search_path().packages.keys() == expected
+    assert SearchPath.scan().packages.keys() == expected

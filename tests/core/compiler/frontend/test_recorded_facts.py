@@ -13,7 +13,7 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.model import MessageDef
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 FACTS: dict[str, dict[str, Any]] = json.loads((VECTORS / "interfaces.json").read_text(encoding="utf-8"))
 TURTLESIM = {
@@ -33,7 +33,7 @@ TURTLESIM = {
 
 @pytest.fixture(scope="module")
 def library() -> InterfaceRegistry:
-    return InterfaceRegistry(scan_search_path([TEST_INTERFACES, DataFolders.interfaces()], ament="", bundled=False))
+    return InterfaceRegistry(SearchPath.scan([TEST_INTERFACES, DataFolders.interfaces()], ament="", bundled=False))
 
 
 SECTION_NAMES = {"msg": [""], "srv": ["request", "response"], "action": ["goal", "result", "feedback"]}

@@ -11,7 +11,7 @@ import pytest
 from support.inner_state import participant_of, transport_end_of
 from support.waiting import until
 
-from rosidl_py_gen.cdr.layout import HEADER
+from rosidl_py_gen.cdr.layout import Header
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState
 from rosidl_py_gen.robot.urdf import parse_urdf
@@ -40,7 +40,7 @@ def malformed(guid: bytes, number: int) -> bytes:
     """Return a graph message that has neither layout: random, with a count of 2**32 - 1, or cut off."""
     generator = random.Random(number)
     valid = discovery_info.encode_message(guid, [])
-    return (HEADER + generator.randbytes(24), valid[:-4] + b"\xff" * 4, valid[: 4 * generator.randrange(2, 5)])[
+    return (Header.BYTES + generator.randbytes(24), valid[:-4] + b"\xff" * 4, valid[: 4 * generator.randrange(2, 5)])[
         number % 3
     ]
 

@@ -12,7 +12,7 @@ from support.inner_state import participant_of
 from support.waiting import until
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.cdr.layout import HEADER_BYTES
+from rosidl_py_gen.cdr.layout import Header
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.settings import read_environment
@@ -54,7 +54,7 @@ def test_humble_graph_message_has_no_nodes_for_later_distributions() -> None:
 
 def test_humble_reads_a_later_graph_message_with_namespace_as_node_count() -> None:
     data = discovery_info.encode_message(GUID, NODES)
-    assert int.from_bytes(data[HEADER_BYTES + 24 :][:4], "little") == int.from_bytes(b"/rob", "little") > 1.6e9
+    assert int.from_bytes(data[Header.SIZE + 24 :][:4], "little") == int.from_bytes(b"/rob", "little") > 1.6e9
     with pytest.raises(DecodeError):
         Humble.decode(data)
 

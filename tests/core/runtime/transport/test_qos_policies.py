@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.bags.metadata import qos_text as bag_text
+from rosidl_py_gen.bags.metadata import OfferedQoS
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.qos import (
     DEFAULT,
@@ -135,18 +134,18 @@ def test_zenoh_tokens_have_the_policy(field: str) -> None:
 
 @pytest.mark.parametrize("field", ANNOUNCED)
 def test_bags_have_the_policy(field: str) -> None:
-    assert qos_profiles(bag_text([changed(field)])) == [changed(field)]
+    assert OfferedQoS.parse(OfferedQoS([changed(field)]).text) == [changed(field)]
 
 
 @pytest.mark.parametrize("field", ANNOUNCED)
 def test_policies_that_a_bag_lacks_have_their_defaults(field: str) -> None:
     rmw_name = next(policy.rmw_name for policy in POLICIES if policy.field == field)
-    (row,) = yaml.safe_load(bag_text([BAG_PROFILE]))
+    (row,) = yaml.safe_load(OfferedQoS([BAG_PROFILE]).text)
     del row[rmw_name]
     expected = replace(BAG_PROFILE, **{field: getattr(DEFAULT, field)})
-    assert qos_profiles(yaml.safe_dump([row])) == [expected] != [BAG_PROFILE]
+    assert OfferedQoS.parse(yaml.safe_dump([row])) == [expected] != [BAG_PROFILE]
 
 
 @pytest.mark.parametrize("text", ["- {}", "- {colour: 1}"])
 def test_bag_text_without_policies_has_no_profile(text: str) -> None:
-    assert qos_profiles(text) == []
+    assert OfferedQoS.parse(text) == []

@@ -15,7 +15,7 @@ from support.example_counts import examples
 from support.interface_packages import REPOSITORY, TEST_INTERFACES, assert_clean, importable, mypy, python, run, write
 
 from rosidl_py_gen import type_hash
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import RUNTIME_PACKAGES, generate, regenerate_msgs
 
 
@@ -23,7 +23,7 @@ from rosidl_py_gen.compiler.generate import RUNTIME_PACKAGES, generate, regenera
 def everything(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """All bundled packages and the test interfaces."""
     out = tmp_path_factory.mktemp("everything") / "out"
-    generate(scan_search_path([TEST_INTERFACES], ament=""), [], out)
+    generate(SearchPath.scan([TEST_INTERFACES], ament=""), [], out)
     with importable(out):
         yield out
 
@@ -43,8 +43,8 @@ def digest(folder: Path) -> str:
 def test_generated_bytes_do_not_depend_on_hash_order_folder_or_environment(everything: Path, tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from rosidl_py_gen.compiler.generate import generate;"
-        "from rosidl_py_gen.compiler.frontend.search_path import scan_search_path;"
-        f"generate(scan_search_path([{str(TEST_INTERFACES)!r}], ament=''), [], Path('out'))"
+        "from rosidl_py_gen.compiler.frontend.search_path import SearchPath;"
+        f"generate(SearchPath.scan([{str(TEST_INTERFACES)!r}], ament=''), [], Path('out'))"
     )
     python(code, cwd=tmp_path, PYTHONHASHSEED="1", LC_ALL="C", TZ="Pacific/Kiritimati")
     assert digest(tmp_path / "out") == digest(everything)
