@@ -69,12 +69,12 @@ _BASES = {_MESSAGE: "", **{one.type_id: name for name, one in PRIMITIVES.items()
 _BASES |= {number: name for ids in (_STRINGS, _BOUNDED_STRINGS) for name, number in ids.items()}
 
 _INTEGER_BITS = {one.code: 8 * one.size for one in PRIMITIVES.values() if one.python == "int"}
-INTEGER_RANGES = {
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
     code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if code.islower() else (0, 2**bits - 1)
     for code, bits in _INTEGER_BITS.items()
 }
 """Minimum and maximum of integers by struct code. The codes of signed integers are lower-case letters."""
-MAX_FLOATS = {one.code: one.max_float for one in PRIMITIVES.values() if one.python == "float"}
+MAX_FLOATS: dict[str, float] = {one.code: one.max_float for one in PRIMITIVES.values() if one.python == "float"}
 """Maximum of finite floats by struct code."""
 
 

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     Append = Callable[[bytes], object]
     Readable = bytes | bytearray | memoryview | NDArray[Any]
 
-    # Generated code imports these by the name of a numpy type. For each type they are: the argument of constructors
-    # whose attribute is an array, the converter of sequences, the converter of arrays, and the dtype.
+    # Generated code imports these by the name of a numpy type. Each type has the type of constructor arguments whose
+    # attribute is an array, the converter of sequences, the converter of arrays, and, unless it is bool, the dtype.
     SequenceConverter = Callable[[object], Any]
     FixedConverter = Callable[[object, int], bytes]
     Bools = NDArray[np.bool_] | Sequence[bool]

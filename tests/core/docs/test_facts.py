@@ -20,7 +20,7 @@ from support.markdown_pages import PAGES, blocks, prose, rows
 
 import rosidl_py_gen
 from rosidl_py_gen import bags, numpy, runtime, tf
-from rosidl_py_gen.base.distributions import DEFAULT, Distribution
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces
 from rosidl_py_gen.prefix.launch_packages import REPOSITORIES, install_command_of
 
@@ -42,7 +42,7 @@ def page_id(page: Path) -> str:
 
 
 def test_pages_state_correct_number_of_bundled_packages() -> None:
-    count = len(BundledInterfaces.of(DEFAULT).packages)
+    count = len(BundledInterfaces.of(Distribution.DEFAULT).packages)
     found = []
     for page in SITE:
         for line in page.read_text(encoding="utf-8").splitlines():

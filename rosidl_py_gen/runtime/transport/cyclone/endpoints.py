@@ -440,12 +440,6 @@ class CycloneReader(_CycloneEndpoint):
 _UNLIMITED = -1
 _XCDR1 = (ct.c_int16 * 1)(0)
 
-_MAX_BLOCKING_NS = 0
-"""Maximum blocking time of a write. 0, because the event loop must not block; `Publisher` waits instead.
-
-rmw_cyclonedds has infinity; the value does not influence matching (docs/internals/protocol.md 7.3).
-"""
-
 
 @contextmanager
 def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes, bytes]] = ()) -> Iterator[int]:
@@ -467,6 +461,7 @@ _POLICIES = tuple(policy for policies in DDS_POLICIES.values() for policy in pol
 """Policies of ROS that DDS has."""
 _FIELDS = tuple(policy.field for policy in _POLICIES)
 _DDS_VALUES = tuple((policy.field, policy.dds_values) for policy in _POLICIES if policy.enum)
+"""Fields whose values are members of enums, each with the members in the order of their numbers in DDS."""
 _MEMBERS = tuple(
     (
         policy.field,
@@ -478,8 +473,7 @@ _MEMBERS = tuple(
 )
 """Members of enums by number in DDS, each with the field and the member for other numbers."""
 _LIMITS = tuple((policy.field, *policy.limits) for policy in _POLICIES if policy.limits)
-_MORE_ARGUMENTS = {"reliability": (_MAX_BLOCKING_NS,)}
-"""Values of policies of DDS that are not policies of ROS."""
+"""Fields whose values are numbers, each with the smallest and the largest number."""
 # One block of memory and one `unpack` take less time than an object of ctypes for each value.
 _CELL_BYTES = 8
 _CELL_FORMATS = {"i": "i4x", "b": "?7x", "l": "q"}
@@ -487,15 +481,19 @@ _CELL_FORMATS = {"i": "i4x", "b": "?7x", "l": "q"}
 _CELLS = struct.Struct(f"={''.join(_CELL_FORMATS[qos_letter(policy)] for policy in _POLICIES)}")
 """Format of the values of `_POLICIES`, each in a cell that Cyclone writes."""
 _DEFAULT_CELLS = _CELLS.pack(*(0 if policy.enum else policy.unset for policy in _POLICIES)) + bytes(_CELL_BYTES)
-"""Cells with the defaults of DDS, whose enums have number 0, and a last cell for a value that is not a policy of ROS.
+"""Cells with the value of a missing policy, number 0 for enums, and a last cell for a value that is not a policy of ROS.
 """
 _CellBlock: type[ct.Array[ct.c_char]] = ct.c_char * len(_DEFAULT_CELLS)
+
+
+def _more_values(name: str) -> tuple[int, ...]:
+    return (library.MORE_QOS_VALUES[name],) if name in library.MORE_QOS_VALUES else ()
 
 
 def _calls(is_writer: bool) -> Iterator[tuple[str, tuple[str, ...], tuple[int, ...]]]:
     for name, policies in DDS_POLICIES.items():
         if policies[0].is_announced(is_writer=is_writer):
-            yield name, tuple(policy.field for policy in policies), _MORE_ARGUMENTS.get(name, ())
+            yield name, tuple(policy.field for policy in policies), _more_values(name)
 
 
 _SETTERS = tuple(
@@ -571,7 +569,7 @@ def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
     values: dict[str, Any] = dict(zip(_FIELDS, _CELLS.unpack_from(cells), strict=True))
     for field, members, unknown in _MEMBERS:
         values[field] = members.get(values[field], unknown)
-    for field, lowest, highest in _LIMITS:  # which peers do not know
+    for field, lowest, highest in _LIMITS:  # a peer may announce any number
         values[field] = min(max(values[field], lowest), highest)
     values["depth"] = 0 if values["history"] is History.KEEP_ALL else max(1, values["depth"])
     return QoSProfile(**values)

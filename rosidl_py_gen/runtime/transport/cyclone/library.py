@@ -174,10 +174,14 @@ def qos_letter(policy: Policy) -> str:
     return "l" if policy.is_period else "b" if policy.is_flag else "i"
 
 
-_MORE_QOS_LETTERS = {"reliability": "l"}
-"""Letters of the values of policies of DDS that are not policies of ROS: the maximum blocking time of a write."""
+MORE_QOS_VALUES = {"reliability": 0}
+"""Values in nanoseconds of policies of DDS that are not policies of ROS: the maximum blocking time of a write.
+
+It is 0, because the event loop must not block; `Publisher` waits instead. rmw_cyclonedds has infinity; the value does
+not influence matching (docs/internals/protocol.md 7.3).
+"""
 for _name, _policies in DDS_POLICIES.items():
-    _letters = "".join(map(qos_letter, _policies)) + _MORE_QOS_LETTERS.get(_name, "")
+    _letters = "".join(map(qos_letter, _policies)) + ("l" if _name in MORE_QOS_VALUES else "")
     for _text, _function_name in (
         (f"-:p{_letters}", f"dds_qset_{_name}"),
         (f"b:p{'p' * len(_letters)}", f"dds_qget_{_name}"),

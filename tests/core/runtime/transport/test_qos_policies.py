@@ -109,6 +109,20 @@ def test_dds_endpoints_have_the_policy(field: str, is_writer: bool) -> None:
     assert getattr(read, field) == expected
 
 
+def test_enums_have_the_numbers_of_dds() -> None:
+    numbers = {
+        policy.field: {member.name: number for number, member in enumerate(policy.dds_values) if member is not None}
+        for policy in POLICIES
+        if policy.dds_values
+    }
+    assert numbers == {
+        "reliability": {"BEST_EFFORT": 0, "RELIABLE": 1},
+        "history": {"KEEP_LAST": 0, "KEEP_ALL": 1},
+        "durability": {"VOLATILE": 0, "TRANSIENT_LOCAL": 1},
+        "liveliness": {"AUTOMATIC": 0, "MANUAL_BY_TOPIC": 2},
+    }
+
+
 @pytest.mark.parametrize("field", FIELDS)
 def test_only_policies_with_a_rule_keep_endpoints_from_matching(field: str) -> None:
     profiles = [effective(profile, is_writer=True) for profile in (DEFAULT, changed(field))]
