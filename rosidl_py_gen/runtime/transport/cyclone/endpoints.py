@@ -481,8 +481,7 @@ _CELL_FORMATS = {"i": "i4x", "b": "?7x", "l": "q"}
 _CELLS = struct.Struct(f"={''.join(_CELL_FORMATS[qos_letter(policy)] for policy in _POLICIES)}")
 """Format of the values of `_POLICIES`, each in a cell that Cyclone writes."""
 _DEFAULT_CELLS = _CELLS.pack(*(0 if policy.enum else policy.unset for policy in _POLICIES)) + bytes(_CELL_BYTES)
-"""Cells with the value of a missing policy, number 0 for enums, and a last cell for a value that is not a policy of ROS.
-"""
+"""Cells with the values of missing policies (enums: number 0), and a last cell for other values."""
 _CellBlock: type[ct.Array[ct.c_char]] = ct.c_char * len(_DEFAULT_CELLS)
 
 
