@@ -65,7 +65,7 @@ class TypeDescriptions:
         self._hashes: dict[str, str] = {}
 
     @classmethod
-    def individual(cls, name: str, rows: Iterable[FieldRow]) -> Description:
+    def of_fields(cls, name: str, rows: Iterable[FieldRow]) -> Description:
         """Return the type description of one type from its fields, without the types that it refers to."""
         fields = [
             {"name": field, "type": kind.description(), "default_value": default}
@@ -74,7 +74,7 @@ class TypeDescriptions:
         return {"type_name": name, "fields": fields}
 
     @staticmethod
-    def individuals(description: Description) -> dict[str, Description]:
+    def by_name(description: Description) -> dict[str, Description]:
         """Return the descriptions of all types in a type description by name, the described type first."""
         every = [description["type_description"], *description["referenced_type_descriptions"]]
         return {one["type_name"]: one for one in every}
@@ -104,7 +104,7 @@ class TypeDescriptions:
 
     def of(self, name: str) -> Description:
         """Return the type description of a type and of all types to which it refers."""
-        return self.assemble(name, lambda part: self.individual(part, self._lookup(part)))
+        return self.assemble(name, lambda part: self.of_fields(part, self._lookup(part)))
 
     @staticmethod
     def assemble(name: str, individual: Callable[[str], Description]) -> Description:
@@ -125,5 +125,5 @@ class TypeDescriptions:
         if name not in self._texts:
             rows = tuple(self._lookup(name))
             below = dict.fromkeys(kind.base for _, kind, _ in rows if kind.is_message)
-            self._texts[name] = _hashed_text(self.individual(name, rows)), tuple(below)
+            self._texts[name] = _hashed_text(self.of_fields(name, rows)), tuple(below)
         return self._texts[name]

@@ -105,8 +105,9 @@ class Extra:
                 return f"pip install -e {shlex.quote(f'{_FOLDER}[{self.name}]')}"
         if not isinstance(origin, dict):
             return f"pip install '{_NAME}[{self.name}]'"
-        needed = _requirements(found, self.name)
-        return _from_url(origin, self.name) or f"pip install {' '.join(map(shlex.quote, needed))}"
+        if command := _from_url(origin, self.name):
+            return command
+        return f"pip install {' '.join(map(shlex.quote, _requirements(found, self.name)))}"
 
     def requirements(self) -> list[str]:
         """Return the requirements of the extra; [] in a checkout that is not installed."""

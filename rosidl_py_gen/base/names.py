@@ -44,6 +44,7 @@ class RosName(_Components):
     __slots__ = ()
 
     KINDS = ("msg", "srv", "action")
+    """Kinds of interfaces, which are the endings of their files."""
     PACKAGE_RULE = SpellingRule(
         re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII),
         "lower case letters, digits and single underscores, a letter first, no underscore last",
@@ -112,7 +113,7 @@ def did_you_mean(word: str, known: Iterable[str], *, in_namespaces: bool = False
         below = f"/{word.strip('/')}"
         elsewhere = [one for one in known if "/" not in (below, one) and (one.endswith(below) or below.endswith(one))]
         if elsewhere:
-            return f'; did you mean "{min(elsewhere, key=len)}"?'
+            return f'; did you mean "{printable(min(elsewhere, key=len))}"?'
     from difflib import get_close_matches  # slow to import
 
     word = word[:256]  # comparing costs the product of the lengths

@@ -62,7 +62,7 @@ class GeneratedPackages:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if path is not None or not GeneratedCode.is_file(Path(self.folder, fullname, "__init__.py")):
+        if path is not None or not GeneratedCode.is_generated(Path(self.folder, fullname, "__init__.py")):
             return None
         return PathFinder.find_spec(fullname, [self.folder], target)
 

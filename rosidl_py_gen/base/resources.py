@@ -47,7 +47,7 @@ class GeneratedCode:
     them."""
 
     @classmethod
-    def is_file(cls, path: Path) -> bool:
+    def is_generated(cls, path: Path) -> bool:
         """Return True if rosidl-py-gen generated the file, which its first line states."""
         try:
             with path.open("rb") as file:

@@ -90,7 +90,7 @@ causes, such as programs on one topic."""
 
 
 def is_logged(count: int) -> bool:
-    """Return True if occurrence number `count` of an event should be logged: 1 to 10, then 16, 32, 64 and so on.
+    """Return True if occurrence `count` of an event should be logged: 1 to `_MAX_FIRST`, then 16, 32, 64 and so on.
 
     A limit for each second would lose messages at the start of a program, when several causes are found at once.
     """

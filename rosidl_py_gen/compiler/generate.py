@@ -65,7 +65,7 @@ def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Cha
             foreign.append(f"{blocker} is a file; expected a folder")
         elif not os.path.lexists(target):
             written.append(name)
-        elif not os.path.isfile(target) or not GeneratedCode.is_file(target):
+        elif not os.path.isfile(target) or not GeneratedCode.is_generated(target):
             foreign.append(f"{target} exists and was not written by rosidl-py-gen")
         elif target.read_bytes() != text.encode():
             written.append(name)
@@ -120,7 +120,7 @@ def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
             for place in (f"{package}/msg", f"{package}/srv", f"{package}/action", package):
                 if os.path.isdir(folder / place):
                     names = (name for name in sorted(os.listdir(folder / place)) if name.endswith((".py", "py.typed")))
-                    found += [f"{place}/{name}" for name in names if GeneratedCode.is_file(folder / place / name)]
+                    found += [f"{place}/{name}" for name in names if GeneratedCode.is_generated(folder / place / name)]
     except OSError as error:
         raise OutputError(f"cannot read {error.filename or folder}: {error.strerror or error}") from error
     return found
@@ -130,7 +130,7 @@ def generated_packages(folder: Path) -> list[str]:
     """Return the names of the packages in an output folder whose ``__init__.py`` the generator wrote."""
     if not os.path.isdir(folder):
         return []
-    return [name for name in sorted(os.listdir(folder)) if GeneratedCode.is_file(folder / name / "__init__.py")]
+    return [name for name in sorted(os.listdir(folder)) if GeneratedCode.is_generated(folder / name / "__init__.py")]
 
 
 RUNTIME_PACKAGES = (

@@ -338,7 +338,7 @@ def _from_description(type_name: str, answer: Any) -> DefinitionSet:
     if (other := description["type_description"]["type_name"]) != type_name:
         raise SourceError(f"the answer describes another type: {other[:100]}")
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
-    registry = DescribedType(type_name, TypeDescriptions.individuals(description), sources).registry()
+    registry = DescribedType(type_name, TypeDescriptions.by_name(description), sources).registry()
     if registry.type_hash(type_name) != TypeDescriptions.rihs01(description):
         raise SourceError("the answer describes types that do not belong to it")
     return collect_with_dependencies(registry, registry.owner(name) or name)

@@ -115,8 +115,8 @@ def of_distribution() -> dict[str, str]:
     if choice.is_explicit:
         return {Distribution.VARIABLE: choice.name}
     is_default = os.environ.get(Distribution.VARIABLE) in (None, "", os.environ.get(Distribution.ASSUMED_VARIABLE))
-    variables = (Distribution.ASSUMED_VARIABLE, Distribution.VARIABLE)
-    return dict.fromkeys(variables, Distribution.DEFAULT) if is_default else {}
+    names = (Distribution.ASSUMED_VARIABLE, Distribution.VARIABLE)
+    return dict.fromkeys(names, Distribution.DEFAULT) if is_default else {}
 
 
 def folders(prefix: Path) -> dict[str, Path]:

@@ -138,7 +138,7 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
         except (RosidlError, ValueError, LookupError):
             continue
         sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in response.type_sources}
-        yield _CachedDescriptions(TypeDescriptions.individuals(description), sources)
+        yield _CachedDescriptions(TypeDescriptions.by_name(description), sources)
 
 
 def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, DescribedType]:

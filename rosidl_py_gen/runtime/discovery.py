@@ -332,7 +332,7 @@ class Discovery:
         self._warned[own.topic_key] = count = self._warned.get(own.topic_key, 0) + 1
         if not is_logged(count):
             return
-        if not is_logged(count - 1):
+        if not is_logged(count - 1):  # occurrences before this one were skipped
             text = f"{count} incompatible endpoints so far, of which few are logged; {text}"
         namespace, node_name = self.graph.node_of(own)
         get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)

@@ -278,7 +278,7 @@ def _is_generated_package(package: str) -> bool:
     origin = spec.origin if spec is not None else None
     if origin is None or not origin.endswith("__init__.py"):
         return False
-    return GeneratedCode.is_file(Path(origin))
+    return GeneratedCode.is_generated(Path(origin))
 
 
 def _import_class(name: RosName) -> None:

@@ -80,7 +80,7 @@ class DescribedType:
     def of_class(cls, described: type[Any]) -> DescribedType:
         """Return the type of a generated class, as the description of the class states it."""
         name = RosName.parse(type_name(described))
-        individuals = TypeDescriptions.individuals(type_description(described))
+        individuals = TypeDescriptions.by_name(type_description(described))
         return cls(str(name), individuals, is_service=name.kind == "srv" and "_" not in name.name)
 
     @property
@@ -139,7 +139,7 @@ def definition_text(cls: type[Any]) -> str:
             name = name._replace(name=name.name.removesuffix(_EVENT))
         elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
-        individuals = TypeDescriptions.individuals(type_description(cls))
+        individuals = TypeDescriptions.by_name(type_description(cls))
         registry = DescribedType(str(name), individuals, is_service=is_event).registry()
     return DefinitionText(registry, registry.owner(name) or name).full
 
@@ -187,7 +187,7 @@ class GeneratedDefinition(NamedTuple):
                 continue
             for folder, kind in ((folder, kind) for folder in folders for kind in RosName.KINDS):
                 file = folder / kind / "__init__.py"
-                if GeneratedCode.is_file(file):
+                if GeneratedCode.is_generated(file):
                     exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
                     stems = re.findall(r'"([A-Za-z0-9]+)_?"', exports[1]) if exports else []
                     for stem in stems:
@@ -240,7 +240,7 @@ def _class_in(distro: str, cls: type[Any]) -> type[Any]:
     description = _other_descriptions(cls).get(distro)
     if description is None:
         return cls
-    return DescribedType(cls._TYPE.name, TypeDescriptions.individuals(description)).load()
+    return DescribedType(cls._TYPE.name, TypeDescriptions.by_name(description)).load()
 
 
 def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
@@ -263,14 +263,14 @@ def _other_descriptions(cls: type[Any]) -> Mapping[str, Description]:
     own_hash, description = cls._TYPE.hash, type_description(cls)
     if TypeDescriptions.rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
         return {}
-    individuals = TypeDescriptions.individuals(description)
+    individuals = TypeDescriptions.by_name(description)
     replaced: dict[str, dict[str, Description]] = {distro: {} for distro in Distribution.BUNDLED}
     for name, own in individuals.items():
         for definition in distribution_definitions(name):
             found = type_description(definition.load())
             if _fields(found["type_description"]) != _fields(own):
                 for distro in definition.distributions:
-                    replaced[distro].update(TypeDescriptions.individuals(found))
+                    replaced[distro].update(TypeDescriptions.by_name(found))
     others = {
         distro: TypeDescriptions.assemble(cls._TYPE.name, {**individuals, **parts}.__getitem__)
         for distro, parts in replaced.items()

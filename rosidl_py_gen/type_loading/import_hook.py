@@ -331,7 +331,7 @@ class _Finder(Loader):
         other = self._other_spec(name, path) if path is not None else None
         if other is None or other.loader is None or not other.origin:
             return False
-        if GeneratedCode.is_file(Path(other.origin)) and (self._override or not self._is_rclpy):
+        if GeneratedCode.is_generated(Path(other.origin)) and (self._override or not self._is_rclpy):
             return not self._is_rclpy  # generated: the same classes, or classes of the other API
         folder = self._interfaces.search.packages[package].folder
         self._warn_duplicate(package, name, other.origin, f"the definitions in {folder}")

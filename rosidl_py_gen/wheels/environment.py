@@ -253,7 +253,7 @@ def _check_no_conflict(packages: list[str]) -> None:
         if spec is None or _normalized(name) in own:
             continue
         origin = Path(spec.origin) if spec.origin else None
-        if origin is None or not GeneratedCode.is_file(origin):
+        if origin is None or not GeneratedCode.is_generated(origin):
             raise OutputError(f"{name} is importable from {spec.origin}, and not of rosidl-py-gen; --force replaces it")
 
 

@@ -201,7 +201,7 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     return {
         **reply,
         "types": {
-            name: [TypeDescriptions.individual(name, library.field_rows(name)), library.type_hash(name)]
+            name: [TypeDescriptions.of_fields(name, library.field_rows(name)), library.type_hash(name)]
             for name in types
         },
     }

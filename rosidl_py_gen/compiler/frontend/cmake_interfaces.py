@@ -75,7 +75,7 @@ class CMakeInterfaceList:
         name = interface_name(self._package, relative)
         if path is None or not self._package_files.owns(path):
             self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
-        elif name is None and not GeneratedCode.is_file(self._folder / path):  # a glob may match generated files
+        elif name is None and not GeneratedCode.is_generated(self._folder / path):  # a glob may match generated files
             self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
         elif name is not None and os.path.isfile(self._folder / path):
             self._paths.setdefault(name, {}).setdefault(path, word.offset)

@@ -160,14 +160,14 @@ class InterfaceRegistry:
         """Return the full name of a type, followed by the sorted names of all types to which it refers, at
         any depth.
         """
-        return [*TypeDescriptions.individuals(self.type_description(full_name))]
+        return [*TypeDescriptions.by_name(self.type_description(full_name))]
 
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
         """Return a type's description with default values, and by type name the `repr` of each constant of the type and
         all types in it.
         """
         description = self.type_description(full_name)
-        found = {name: self.message(name) for name in TypeDescriptions.individuals(description)}
+        found = {name: self.message(name) for name in TypeDescriptions.by_name(description)}
         return description, {
             name: {item.name: repr(item.value) for item in one.constants} if one else {} for name, one in found.items()
         }

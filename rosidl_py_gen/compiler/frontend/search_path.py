@@ -611,4 +611,4 @@ def _generated_package(package: str) -> Path | None:
     folder = Path(spec.origin).parent if spec is not None and spec.origin else None
     if folder is None:
         return None
-    return folder if any(GeneratedCode.is_file(folder / kind / "__init__.py") for kind in RosName.KINDS) else None
+    return folder if any(GeneratedCode.is_generated(folder / kind / "__init__.py") for kind in RosName.KINDS) else None

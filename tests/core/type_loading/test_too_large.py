@@ -81,7 +81,7 @@ def test_descriptions_of_nodes_are_refused() -> None:
     rows = [(f"f{i}", FieldType.parse("wide_msgs/msg/Pair"), "") for i in range(700)]
     pair = [(field.ros_name, field.type, "") for field in type_fields(small)]
     described = {
-        name: TypeDescriptions.individual(name, found)
+        name: TypeDescriptions.of_fields(name, found)
         for name, found in {"wide_msgs/msg/Many": rows, "wide_msgs/msg/Pair": pair}.items()
     }
     with pytest.raises(DefinitionError, match=r"wide_msgs/msg/Many has 2001 fields .* at most 2000 are allowed"):

@@ -208,7 +208,7 @@ class Definitions(RuleBasedStateMachine):
             self._keep(
                 run_bounded(lambda: compile_definition(type_name(cls), text[:place] + change[1] + text[place + 1 :]))
             )
-        run_bounded(lambda: DescribedType(type_name(cls), TypeDescriptions.individuals(type_description(cls))).load())
+        run_bounded(lambda: DescribedType(type_name(cls), TypeDescriptions.by_name(type_description(cls))).load())
 
 
 TestDefinitions = Definitions.TestCase

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import rosidl_py_gen
-from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError
@@ -120,7 +120,7 @@ def test_each_package_becomes_wheel_with_metadata_of_its_manifest(workspace: Pat
 
 def test_without_names_all_bundled_packages_become_wheels(tmp_path: Path, capsys: Any) -> None:
     main(["wheel", "--out", str(tmp_path)])
-    written, names = capsys.readouterr().out.splitlines(), [*BundledInterfaces.of(DEFAULT).packages]
+    written, names = capsys.readouterr().out.splitlines(), [*BundledInterfaces.of(Distribution.DEFAULT).packages]
     assert [Path(path).name.partition("-")[0] for path in written] == sorted(names)
     assert sorted(path.name for path in tmp_path.iterdir()) == [Path(path).name for path in written]
 

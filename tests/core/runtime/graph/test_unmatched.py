@@ -146,7 +146,7 @@ async def test_timeout_text_about_many_or_hostile_peers_is_short(
     assert "; and 27 others" in text and len(text) < 1000
 
 
-def test_similar_name_suggests_other_namespace_or_spelling() -> None:
+def test_did_you_mean_suggests_other_namespace_or_spelling() -> None:
     known = ["/robot_1/front/scan", "/r1/scan", "/map", "/"]
     for name, hint in (("/scan", "/r1/scan"), ("/r2/map", "/map"), ("/mop", "/map"), ("/r1/scam", "/r1/scan")):
         assert did_you_mean(name, known, in_namespaces=True) == f'; did you mean "{hint}"?'
