@@ -22,11 +22,12 @@ class Primitive(NamedTuple):
     Attributes:
         code: struct code.
         size: size and alignment in bytes.
-        type_id: id of the type in type descriptions.
+        type_id: id of the type in type descriptions, less than 48.
         numpy: name of the numpy type.
         python: name of the Python type.
         idl: name of the type in IDL, in the spelling of rosidl.
-        array_code: type code of the `array.array` that sequences are in messages of rclpy's API; "" if they are lists.
+        array_code: type code of the `array.array` that sequences are in messages of rclpy's API, of a larger type if
+            `array.array` lacks the type; "" for bool and byte, whose sequences are lists.
         max_float: maximum of finite floats, with the digits that rclpy's checks have; 0 for other types.
     """
 

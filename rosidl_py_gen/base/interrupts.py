@@ -36,7 +36,7 @@ class CommandInterrupts:
     """
 
     BROKEN_PIPE = 141
-    """Exit code that a shell reports for a program ended by SIGPIPE. Python ignores the signal, so commands return it."""
+    """Exit code that a shell reports for a program ended by SIGPIPE. Python ignores that, so commands return it."""
 
     def __init__(self) -> None:
         self.ignores_first = False
