@@ -34,7 +34,7 @@ _WRAPPING = {"zip", "tar", "libarchive", "simplecache", "filecache", "blockcache
 
 
 class BagLocation:
-    """Location of a bag or of tables: a local path, or a URL, which fsspec opens."""
+    """Location of a bag or of tables: a local path, a URL, which fsspec opens, or another text for errors."""
 
     def __init__(self, location: object) -> None:
         self._text = str(location)

@@ -84,11 +84,11 @@ def addresses(host: str, port: int, token: str) -> tuple[str, str]:
     return address, f"{_APP}?ds=foxglove-websocket&ds.url={quote(here, safe='')}"
 
 
-async def serve(network: NetworkOptions, **options: Any) -> None:
-    """Run the Foxglove server with the options in `FoxgloveOptions` until cancelled."""
+async def serve(network: NetworkOptions, options: FoxgloveOptions) -> None:
+    """Run the Foxglove server until cancelled."""
     async with CommandNode(network) as command_node:
         await command_node.wait_for_discovery()
-        view = _View(command_node, FoxgloveOptions(**options))
+        view = _View(command_node, options)
         try:
             await view.show()
         finally:

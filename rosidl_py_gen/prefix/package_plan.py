@@ -343,9 +343,8 @@ class PackagePlan:
         for command, texts in calls:
             if command.endswith(("add_executable", "add_library")):
                 self.has_targets |= {"INTERFACE", "IMPORTED", "ALIAS"}.isdisjoint(texts[1:])
-                is_installed = command.startswith("ament_auto") or not installed.isdisjoint(
-                    (*texts[:1], CMakeScript.UNKNOWN)
-                )
+                targets = {*texts[:1], CMakeScript.UNKNOWN}
+                is_installed = command.startswith("ament_auto") or not installed.isdisjoint(targets)
                 self.missing += texts[:1] if is_installed and command.endswith("executable") else []
             elif command == "add_subdirectory":
                 self._is_complete = False

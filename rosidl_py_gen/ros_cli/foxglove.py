@@ -84,5 +84,6 @@ def foxglove(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
     rosidl-py foxglove --host 0.0.0.0 --read-only
     """
     from rosidl_py_gen.foxglove.serve import serve
+    from rosidl_py_gen.foxglove.server import FoxgloveOptions
 
-    return AsyncCommand(serve(network, **arguments), endless=True)
+    return AsyncCommand(serve(network, FoxgloveOptions(**arguments)), endless=True)

@@ -284,7 +284,7 @@ class FixedMessageSequence:
                     if is_selected:
                         pieces.append(codec.read_elements(data, begin, count, "<"))
                     pos[row] = end
-        except (RosidlError, MemoryError):
+        except (RosidlError, MemoryError):  # decoding one by one finds the wrong byte
             raise BatchUnsupportedError from None
         cursor.pos = np.array(pos, np.int64)
         if is_selected:

@@ -64,7 +64,7 @@ class BundledInterfaces:
         """Bundled packages by name.
 
         Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
-        True for their interfaces.
+        True for their interfaces. The dictionary is shared; callers must not change it.
         """
         top = DataFolders.interfaces()
         packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}

@@ -76,7 +76,10 @@ _INSTALLED = ("data_files", "entry_points", "scripts", "packages", "py_modules",
 """Arguments of setuptools' `setup` that determine installed files. If one is uncertain, setup.py is run, provided that
 running is allowed."""
 RunSetup = Callable[[Path, str], Sequence[Mapping[str, object]]]
-"""Function that runs the setup.py in a folder, for a reason, and returns its arguments; raises `RosidlError`."""
+"""Function that runs the setup.py in a folder, for a reason, and returns the arguments of each call of `setup`.
+
+The function raises `RosidlError`.
+"""
 
 
 class SetupFilesError(RosidlError):

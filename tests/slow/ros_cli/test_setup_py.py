@@ -22,6 +22,7 @@ from rosidl_py_gen.prefix.environment import SITE_PACKAGES, variables
 from rosidl_py_gen.prefix.setup_process import SetupRunError, run_setup_py
 from rosidl_py_gen.type_loading import scan_cache
 from rosidl_py_gen.type_loading.import_hook import FoundPackage, ImportHookWarning
+from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments
 
 pytestmark = [
     pytest.mark.real_time("programs are processes"),
@@ -177,13 +178,16 @@ def test_cached_setup_py_result_depends_on_environment_variables(
     monkeypatch.setattr(scan_cache, "MIN_AGE_NS", 0)  # files that have changed a moment ago are cached, too
     for value in ("params/a.yaml", "setup.cfg"):
         monkeypatch.setenv("ANY_NAME", value)
-        assert run_setup_py(package, "it must").values["data_files"] == [["share/foo", [value]]]
+        assert SetupArguments.of_calls(run_setup_py(package, "it must")).values["data_files"] == [
+            ["share/foo", [value]]
+        ]
     code = f"""
 from pathlib import Path
 from rosidl_py_gen.prefix.setup_process import run_setup_py
 from rosidl_py_gen.type_loading import scan_cache
+from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments
 scan_cache.MIN_AGE_NS = 0
-print(run_setup_py(Path({str(package)!r}), "it must").values["data_files"])
+print(SetupArguments.of_calls(run_setup_py(Path({str(package)!r}), "it must")).values["data_files"])
 """
     for value in ("package.xml", "foo/n1.py"):
         assert started(sys.executable, "-c", code, ANY_NAME=value).stdout == f"[['share/foo', ['{value}']]]\n"
@@ -265,7 +269,7 @@ def test_setup_py_output_stdin_and_children_do_not_disturb_its_result(tmp_path: 
     """
     package = write_package(tmp_path, code)
     started_at = time.monotonic()
-    found = run_setup_py(package, "it must")
+    found = SetupArguments.of_calls(run_setup_py(package, "it must"))
     assert time.monotonic() - started_at < setup_process.TIMEOUT_S
     assert found.values["data_files"] == [["share/foo", ["setup.py"]]]
     assert found.values["packages"] == ["foo"]
@@ -296,7 +300,7 @@ def test_setup_py_runs_without_setuptools(has_distutils: bool, tmp_path: Path, m
     """
     for name in ("setuptools", "distutils"):
         package = write_package(tmp_path / name, textwrap.dedent(code).replace("NAME", repr(name)))
-        found = run_setup_py(package, "it must")
+        found = SetupArguments.of_calls(run_setup_py(package, "it must"))
         assert found.values["packages"] == ["foo"] and found.values["py_modules"] == ["params"]
         assert found.uncertain == {}
 
