@@ -27,7 +27,7 @@ from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.codec import encoded_length
-from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, NETWORK_ALIGN, Header
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, Alignment, Header
 from rosidl_py_gen.cdr.structured_arrays import varying_field
 from rosidl_py_gen.errors import (
     DecodeError,
@@ -252,7 +252,7 @@ def is_empty(data: bytes | memoryview) -> bool:
     the header.
     """
     size = len(data) - Header.SIZE
-    return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[Header.SIZE :])
+    return len(EMPTY_MESSAGE) <= size <= Alignment.NETWORK and not any(data[Header.SIZE :])
 
 
 def _compiled(topic: BagTopic) -> type[Any]:
@@ -326,7 +326,7 @@ def trailing_bytes(cls: type[Message], data: bytes | memoryview) -> str:
     if not cls._TYPE.fields:
         return "" if size == Header.SIZE or is_empty(data) else f"{size} bytes of a message without fields"
     rest = size - encoded_length(cls, data)
-    if not rest or (rest < NETWORK_ALIGN and not (size - Header.SIZE) % NETWORK_ALIGN):
+    if not rest or (rest < Alignment.NETWORK and not (size - Header.SIZE) % Alignment.NETWORK):
         return ""
     return f"{rest} of {size} bytes of a message are after its last field"
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from rosidl_py_gen.bags import BagError, MessageBlock, described
 from rosidl_py_gen.cdr.arrays import DTYPES
-from rosidl_py_gen.cdr.layout import MAX_ALIGN, NETWORK_ALIGN, align_up
+from rosidl_py_gen.cdr.layout import Alignment
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow import from_numpy, pa
@@ -124,7 +124,7 @@ def _with_descendants(node: ColumnNode) -> Iterator[ColumnNode]:
 def _require_ends(cursor: BatchCursor) -> None:
     """Raise `BatchUnsupportedError` if a message has bytes other than padding after its last field."""
     rest = cursor.limit - cursor.pos
-    is_padding = (rest < NETWORK_ALIGN) & ((cursor.limit & (NETWORK_ALIGN - 1)) == 0)
+    is_padding = (rest < Alignment.NETWORK) & ((cursor.limit & (Alignment.NETWORK - 1)) == 0)
     if ((rest != 0) & ~is_padding).any():
         raise BatchUnsupportedError
 
@@ -274,7 +274,7 @@ class _MessageBlocks:
         size = int(self._blocks[0].size[0])
         if not all((block.size == size).all() for block in self._blocks):
             return concatenate([data for block in self._blocks for data in _slices(block)])
-        width = align_up(size, MAX_ALIGN)
+        width = Alignment.up(size, Alignment.MAX)
         rows = np.empty((len(self), width), np.uint8)
         count = 0
         for block in self._blocks:

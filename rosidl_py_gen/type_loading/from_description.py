@@ -25,7 +25,7 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
+from rosidl_py_gen.cdr.layout import Alignment
 from rosidl_py_gen.cdr.structured_arrays import cached_per_class
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_description, type_name
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, TypeNotFoundError, display_path
@@ -231,7 +231,7 @@ class DistributionVariants:
             size = len(cls._decode(data)._encode())
         except (DecodeError, EncodeError):
             return False
-        return 0 <= len(data) - size < NETWORK_ALIGN
+        return 0 <= len(data) - size < Alignment.NETWORK
 
 
 @cached_per_class
