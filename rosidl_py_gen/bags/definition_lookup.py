@@ -38,7 +38,7 @@ from rosidl_py_gen.errors import (
     UnknownDistributionError,
     printable,
 )
-from rosidl_py_gen.type_loading import SearchFolders, definition_origin, definition_text, find_class
+from rosidl_py_gen.type_loading import ClassSearch, SearchFolders, definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -171,7 +171,7 @@ class Definitions:
             return TopicDefinition(cls, "typestore", False)
         distro = self._distro
         cls = get_message(name, path=self._search_path, distro=distro)
-        return TopicDefinition(cls, definition_origin(cls, path=self._search_path, distro=distro), False)
+        return TopicDefinition(cls, ClassSearch(self._search_path, distro).origin(cls), False)
 
     @cached_property
     def _distro(self) -> str | None:
@@ -194,9 +194,10 @@ class Definitions:
         cls = self._from_typestore(name)
         if cls is not None and type_hash(cls) == recorded_hash:
             return TopicDefinition(cls, "typestore", True)
-        cls = find_class(name, lambda hashes: hashes[name] == recorded_hash, path=self._search_path)
+        search = ClassSearch(self._search_path)
+        cls = search.find(name, lambda hashes: hashes[name] == recorded_hash)
         if cls is not None and issubclass(cls, Message):
-            return TopicDefinition(cls, definition_origin(cls, path=self._search_path), True)
+            return TopicDefinition(cls, search.origin(cls), True)
         other = self._find_by_name(name)
         raise BagError(
             f"{topic.name}: the bag has no definition of {name}, but its hash {recorded_hash}, and {other.origin} has "
