@@ -93,6 +93,4 @@ class Header:
 
 def min_element_size(kind: FieldType) -> int:
     """Return the minimum bytes of an element of a field without padding; every message has at least one byte."""
-    if kind.is_string:
-        return Count.SIZE
-    return len(EMPTY_MESSAGE) if kind.primitive is None else kind.primitive.size
+    return len(EMPTY_MESSAGE) if kind.is_message else Alignment.of_element(kind)

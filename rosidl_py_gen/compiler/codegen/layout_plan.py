@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, NUL, Alignment, Count, WStringUnit, min_element_size
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, NUL, Alignment, Count, WStringUnit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -365,7 +365,7 @@ class LayoutPlanner:
             if kind.is_sequence:
                 total += Count.SIZE
             else:
-                element = self.min_size(kind.base) if kind.is_message else min_element_size(kind)
+                element = self.min_size(kind.base) if kind.is_message else Alignment.of_element(kind)  # also its size
                 total += element * kind.fixed_count
         return max(len(EMPTY_MESSAGE), total)
 
