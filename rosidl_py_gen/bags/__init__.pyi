@@ -21,8 +21,6 @@ from rosidl_py_gen.bags.remote import BagLocation as BagLocation
 from rosidl_py_gen.bags.rewriting import BagCopy as BagCopy
 from rosidl_py_gen.bags.rewriting import SourceBag as SourceBag
 from rosidl_py_gen.bags.rewriting import reindex as reindex
-from rosidl_py_gen.bags.storage.storage_api import BagChannel as BagChannel
 from rosidl_py_gen.bags.storage.storage_api import MessageBlock as MessageBlock
 from rosidl_py_gen.bags.storage.storage_api import RawTuple as RawTuple
-from rosidl_py_gen.bags.storage.storage_api import TableInput as TableInput
 from rosidl_py_gen.bags.writer import topic_of as topic_of

@@ -27,7 +27,7 @@ from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.codec import encoded_length
-from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, NETWORK_ALIGN, Header
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, Alignment, Header
 from rosidl_py_gen.cdr.structured_arrays import varying_field
 from rosidl_py_gen.errors import (
     DecodeError,
@@ -38,7 +38,7 @@ from rosidl_py_gen.errors import (
     UnknownDistributionError,
     printable,
 )
-from rosidl_py_gen.type_loading import SearchFolders, definition_origin, definition_text, find_class
+from rosidl_py_gen.type_loading import ClassSearch, SearchFolders, definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -171,7 +171,7 @@ class Definitions:
             return TopicDefinition(cls, "typestore", False)
         distro = self._distro
         cls = get_message(name, path=self._search_path, distro=distro)
-        return TopicDefinition(cls, definition_origin(cls, path=self._search_path, distro=distro), False)
+        return TopicDefinition(cls, ClassSearch(self._search_path, distro).origin(cls), False)
 
     @cached_property
     def _distro(self) -> str | None:
@@ -194,9 +194,10 @@ class Definitions:
         cls = self._from_typestore(name)
         if cls is not None and type_hash(cls) == recorded_hash:
             return TopicDefinition(cls, "typestore", True)
-        cls = find_class(name, lambda hashes: hashes[name] == recorded_hash, path=self._search_path)
+        search = ClassSearch(self._search_path)
+        cls = search.find(name, lambda hashes: hashes[name] == recorded_hash)
         if cls is not None and issubclass(cls, Message):
-            return TopicDefinition(cls, definition_origin(cls, path=self._search_path), True)
+            return TopicDefinition(cls, search.origin(cls), True)
         other = self._find_by_name(name)
         raise BagError(
             f"{topic.name}: the bag has no definition of {name}, but its hash {recorded_hash}, and {other.origin} has "
@@ -252,7 +253,7 @@ def is_empty(data: bytes | memoryview) -> bool:
     the header.
     """
     size = len(data) - Header.SIZE
-    return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[Header.SIZE :])
+    return len(EMPTY_MESSAGE) <= size <= Alignment.NETWORK and not any(data[Header.SIZE :])
 
 
 def _compiled(topic: BagTopic) -> type[Any]:
@@ -326,7 +327,7 @@ def trailing_bytes(cls: type[Message], data: bytes | memoryview) -> str:
     if not cls._TYPE.fields:
         return "" if size == Header.SIZE or is_empty(data) else f"{size} bytes of a message without fields"
     rest = size - encoded_length(cls, data)
-    if not rest or (rest < NETWORK_ALIGN and not (size - Header.SIZE) % NETWORK_ALIGN):
+    if not rest or (rest < Alignment.NETWORK and not (size - Header.SIZE) % Alignment.NETWORK):
         return ""
     return f"{rest} of {size} bytes of a message are after its last field"
 

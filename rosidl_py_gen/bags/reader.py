@@ -519,7 +519,7 @@ class BagReader:
 
         channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
         source = self._source([channels[0].name], start_ns, end_ns, on_error)
-        return reader(self, channels, columns, source, batch_bytes)
+        return reader(self, channels, columns, source.messages_or_blocks, source.decoded, batch_bytes)
 
     def _source(
         self, names: list[str], start_ns: int | None, end_ns: int | None, on_error: str, may_skip_topic: bool = False

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,6 +40,11 @@ class Primitive(NamedTuple):
     array_code: str
     max_float: float = 0.0
 
+    @property
+    def integer_range(self) -> tuple[int, int]:
+        """Minimum and maximum of an integer type."""
+        return _INTEGER_RANGES[self.code]
+
 
 # docs/internals/protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char` and
 # `wchar` exist only in .idl files.
@@ -60,23 +65,18 @@ PRIMITIVES: dict[str, Primitive] = {
     "idl_char": Primitive("B", 1, 13, "uint8", "int", "char", "B"),
     "wchar": Primitive("H", 2, 14, "uint16", "int", "wchar", "H"),
 }
-MSG_PRIMITIVES = tuple(name for name in PRIMITIVES if name not in ("idl_char", "wchar"))
-"""Names of the primitive types that .msg files have, in the order of rosidl_adapter."""
+_INTEGER_BITS = {one.code: 8 * one.size for one in PRIMITIVES.values() if one.python == "int"}
+_INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if code.islower() else (0, 2**bits - 1)
+    for code, bits in _INTEGER_BITS.items()
+}
+"""Minimum and maximum by struct code. The codes of signed integers are lower-case letters."""
 _STRINGS = {"string": 17, "wstring": 18}
 _BOUNDED_STRINGS = {"string": 21, "wstring": 22}
 _MESSAGE = 1
 _BASES = {_MESSAGE: "", **{one.type_id: name for name, one in PRIMITIVES.items() if name != "char"}}
 """Names of types by type id; empty for messages. The id of `char` means uint8."""
 _BASES |= {number: name for ids in (_STRINGS, _BOUNDED_STRINGS) for name, number in ids.items()}
-
-_INTEGER_BITS = {one.code: 8 * one.size for one in PRIMITIVES.values() if one.python == "int"}
-INTEGER_RANGES: dict[str, tuple[int, int]] = {
-    code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if code.islower() else (0, 2**bits - 1)
-    for code, bits in _INTEGER_BITS.items()
-}
-"""Minimum and maximum of integers by struct code. The codes of signed integers are lower-case letters."""
-MAX_FLOATS: dict[str, float] = {one.code: one.max_float for one in PRIMITIVES.values() if one.python == "float"}
-"""Maximum of finite floats by struct code."""
 
 
 class Arity(Enum):
@@ -104,6 +104,9 @@ class FieldType:
         capacity: elements of an array, upper bound of a bounded sequence, else 0.
         string_bound: upper bound in characters of a bounded string, else 0.
     """
+
+    MSG_BASES: ClassVar = (*(name for name in PRIMITIVES if name not in ("idl_char", "wchar")), *_STRINGS)
+    """Bases that .msg files have except messages, in the order of rosidl_adapter."""
 
     base: str
     arity: Arity = Arity.SCALAR

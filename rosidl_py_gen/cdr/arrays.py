@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -105,9 +105,9 @@ def cast_array(value: Array, code: str) -> Array:
     if target == "b" or kind not in "biuf" or (target in "iu" and kind == "f"):
         raise FieldValueError(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
     if target in "iu" and kind in "iu" and value.size:
-        low, high = INTEGER_RANGES[code]
-        outside = (value < low) | (value > high) if value.dtype != np.uint64 else value > np.uint64(high)
-        _require_none(outside, value, f"{dtype.name} in {low}..{high}")
+        fits = np.iinfo(dtype)
+        outside = (value < fits.min) | (value > fits.max) if value.dtype != np.uint64 else value > np.uint64(fits.max)
+        _require_none(outside, value, f"{dtype.name} in {fits.min}..{fits.max}")
     with np.errstate(over="ignore"):
         result = value.astype(dtype)
     if target == "f" and kind == "f":
@@ -149,9 +149,9 @@ def scalar_problem(value: object, code: str) -> str:
         if dtype.kind == "f":
             is_number = isinstance(value, (int, float))
             return f"expected float{f' that fits {dtype.name}' if is_number else ''}, found {short_repr(value)}"
-        low, high = INTEGER_RANGES[code]
         if isinstance(value, (int, np.integer)):
-            return f"expected {dtype.name} in {low}..{high}, found {short_repr(value)}"
+            fits = np.iinfo(dtype)
+            return f"expected {dtype.name} in {fits.min}..{fits.max}, found {short_repr(value)}"
         return f"expected int, found {short_repr(value)}"
     return ""
 

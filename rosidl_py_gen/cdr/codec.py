@@ -16,16 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, scalar_problem, short_repr, view_of_bools
-from rosidl_py_gen.cdr.layout import (
-    COUNT_BYTES,
-    COUNT_CODE,
-    EMPTY_MESSAGE,
-    MAX_COUNT,
-    MAX_WSTRING_UNIT,
-    WSTRING_UNIT_BYTES,
-    Header,
-    min_element_size,
-)
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, Count, Header, WStringUnit, min_element_size
 from rosidl_py_gen.cdr.message import Field, Message, is_of_type, require_message
 from rosidl_py_gen.cdr.structured_arrays import StructuredCodec, structured_codec, varying_field
 from rosidl_py_gen.cdr.support import readable
@@ -83,8 +74,8 @@ def _check_field(value: Any, field: Field, path: str) -> None:
         raise EncodeError(path, f"expected exactly {kind.capacity} elements, found {len(value)}")
     if kind.arity is Arity.BOUNDED and len(value) > kind.capacity:
         raise EncodeError(path, f"expected at most {kind.capacity} elements, found {len(value)}")
-    if len(value) > MAX_COUNT:
-        raise EncodeError(path, f"expected at most {MAX_COUNT} elements, found {len(value)}")
+    if len(value) > Count.MAX:
+        raise EncodeError(path, f"expected at most {Count.MAX} elements, found {len(value)}")
     if not isinstance(value, np.ndarray):
         for index, item in enumerate(value):
             _check_element(item, field, f"{path}[{index}]")
@@ -217,8 +208,8 @@ class _CdrReader:
         return value
 
     def count(self, path: str, what: str) -> int:
-        start = self.take(COUNT_BYTES, COUNT_BYTES, path, what)
-        (value,) = struct.unpack_from(self.order + COUNT_CODE, self.data, start)
+        start = self.take(Count.SIZE, Count.SIZE, path, what)
+        (value,) = struct.unpack_from(self.order + Count.CODE, self.data, start)
         return int(value)
 
     def message(self, cls: type[M], path: str) -> M:
@@ -235,7 +226,7 @@ class _CdrReader:
             return self.element(field, path)
         count = self.count(path, "an element count") if kind.is_sequence else kind.capacity
         if kind.arity is Arity.BOUNDED and count > kind.capacity:
-            raise DecodeError(path, self.pos - COUNT_BYTES, f"expected at most {kind.capacity} elements, found {count}")
+            raise DecodeError(path, self.pos - Count.SIZE, f"expected at most {kind.capacity} elements, found {count}")
         if kind.primitive is not None:
             return self.numbers(kind.primitive.code, count, path)
         if self.arrays and field.cls is not None and not varying_field(field.cls):
@@ -294,11 +285,11 @@ class _CdrReader:
 
     def wstring(self, path: str) -> str:
         count = self.count(path, "a wstring length")
-        start = self.take(WSTRING_UNIT_BYTES * count, WSTRING_UNIT_BYTES, path, f"{count} wstring units")
+        start = self.take(WStringUnit.SIZE * count, WStringUnit.SIZE, path, f"{count} wstring units")
         units = np.frombuffer(self.data, self.order + "u4", count, start)
-        if count and units.max() > MAX_WSTRING_UNIT:
-            index = int((units > MAX_WSTRING_UNIT).argmax())
-            offset = start + WSTRING_UNIT_BYTES * index
+        if count and units.max() > WStringUnit.MAX:
+            index = int((units > WStringUnit.MAX).argmax())
+            offset = start + WStringUnit.SIZE * index
             raise DecodeError(path, offset, f"expected a UTF-16 unit, found {int(units[index]):#x}")
         try:
             return units.astype("<u2").tobytes().decode("utf-16-le")

@@ -17,7 +17,7 @@ Source: docs/internals/protocol.md 2.1 for the header, 2.2 for values, 2.4 for p
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from rosidl_py_gen.base.fieldtype import FieldType
 
@@ -27,23 +27,50 @@ if TYPE_CHECKING:
 
 Position = TypeVar("Position", int, "NDArray[np.int64]")
 
-MAX_ALIGN = 8
-"""Largest alignment of any value in CDR; positions that are equal modulo 8 are laid out alike."""
-COUNT_BYTES = 4
-"""Size and alignment of the length prefix of a sequence, string or wstring."""
-COUNT_CODE = "I"
-MAX_COUNT = 0xFFFFFFFF
 NUL = b"\0"
 """Terminator byte of a string, which counts in the string's length prefix. A wstring has no terminator."""
-WSTRING_UNIT_BYTES = 4
-"""Size of a UTF-16 code unit of a wstring, which travels as a u32."""
-MAX_WSTRING_UNIT = 0xFFFF
 EMPTY_MESSAGE = b"\0"
 """Bytes that CDR writes for a message without fields."""
-NETWORK_ALIGN = 4
-"""Number of which the length of a sample on the network is a multiple; zeros are appended to shorter messages."""
-PADDING = {align: tuple(bytes(-position % align) for position in range(align)) for align in (1, 2, 4, 8)}
-"""Padding bytes before a value, by the alignment of the value, then by ``position & align - 1``."""
+
+
+class Count:
+    """Length prefix of a sequence, string or wstring."""
+
+    SIZE = 4
+    """Size and alignment in bytes."""
+    CODE = "I"
+    """Struct code."""
+    MAX = 0xFFFFFFFF
+
+
+class WStringUnit:
+    """UTF-16 code unit of a wstring, which travels as a u32."""
+
+    SIZE = 4
+    MAX = 0xFFFF
+
+
+class Alignment:
+    """Alignment of values, and the padding before them."""
+
+    MAX = 8
+    """Largest alignment of any value in CDR; positions that are equal modulo 8 are laid out alike."""
+    NETWORK = 4
+    """Number of which the length of a sample on the network is a multiple; zeros are appended to shorter messages."""
+    PADDING: Final = {align: tuple(bytes(-position % align) for position in range(align)) for align in (1, 2, 4, 8)}
+    """Padding bytes before a value, by the alignment of the value, then by ``position & align - 1``."""
+
+    @staticmethod
+    def up(position: Position, align: int) -> Position:
+        """Return the first multiple of `align`, a power of two, at or after a position; element by element for an
+        array.
+        """
+        return position + (-position & align - 1)
+
+    @staticmethod
+    def of_element(kind: FieldType) -> int:
+        """Return the alignment of an element of a field: the size of a primitive, or of a string's length prefix."""
+        return Count.SIZE if kind.primitive is None else kind.primitive.size
 
 
 class Header:
@@ -64,18 +91,6 @@ class Header:
         return offset + (Header.SIZE - offset & align - 1)
 
 
-def align_up(position: Position, align: int) -> Position:
-    """Return the first multiple of `align`, a power of two, at or after a position; element by element for an array."""
-    return position + (-position & align - 1)
-
-
-def element_alignment(kind: FieldType) -> int:
-    """Return the alignment of an element of a field: the size of a primitive, or of a string's length prefix."""
-    return COUNT_BYTES if kind.primitive is None else kind.primitive.size
-
-
 def min_element_size(kind: FieldType) -> int:
     """Return the minimum bytes of an element of a field without padding; every message has at least one byte."""
-    if kind.is_string:
-        return COUNT_BYTES
-    return len(EMPTY_MESSAGE) if kind.primitive is None else kind.primitive.size
+    return len(EMPTY_MESSAGE) if kind.is_message else Alignment.of_element(kind)

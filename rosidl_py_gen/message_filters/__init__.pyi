@@ -9,4 +9,3 @@ from rosidl_py_gen.message_filters.filters import TimeSynchronizer as TimeSynchr
 # For the other packages of rosidl_py_gen; not public.
 from rosidl_py_gen.message_filters.filters import NoNodeScope as NoNodeScope
 from rosidl_py_gen.message_filters.filters import call_all as call_all
-from rosidl_py_gen.message_filters.filters import header_stamp as header_stamp

@@ -27,5 +27,4 @@ from rosidl_py_gen.numpy.rotations_and_times import transform_to_matrix as trans
 # For the other packages of rosidl_py_gen; not public.
 from rosidl_py_gen.numpy.common import M as M
 from rosidl_py_gen.numpy.common import flat_bytes as flat_bytes
-from rosidl_py_gen.numpy.common import message_class as message_class
 from rosidl_py_gen.numpy.common import reads_message as reads_message

@@ -197,9 +197,9 @@ class TypeResolver:
     async def _find_local(
         self, announcement: TypeAnnouncement, matches: Callable[[Mapping[str, str]], bool]
     ) -> type[Any] | None:
-        from rosidl_py_gen.type_loading import find_class
+        from rosidl_py_gen.type_loading import ClassSearch
 
-        return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._path)
+        return await asyncio.to_thread(ClassSearch(self._path).find, announcement.type_name, matches)
 
     async def _find_by_name(self, announcement: TypeAnnouncement) -> type[Any]:
         """Return the local class of a type for which no hash is announced, with a log entry that it may differ.
@@ -208,7 +208,7 @@ class TypeResolver:
             TypeNotFoundError: there is no local definition, or no local definition with the hash that the caller
                 passed.
         """
-        from rosidl_py_gen.type_loading import find_named_class
+        from rosidl_py_gen.type_loading import ClassSearch, DistributionVariants
 
         name, path = announcement.type_name, self._path
         reason = f"the nodes of {self._subject} announce no hash for {name}, as nodes of ROS 2 Humble do"
@@ -217,10 +217,11 @@ class TypeResolver:
             if cls is None:
                 raise TypeNotFoundError(f"{reason}, and no local definition has the hash; {_ADVICE}")
         else:
-            cls = await asyncio.to_thread(find_named_class, name, path=path)
-            of_humble = await asyncio.to_thread(find_named_class, name, path=path, distro=_HUMBLE)
-            if cls is None or of_humble is None:
-                raise TypeNotFoundError(f"{reason}, and there is no local definition; {_ADVICE}")
+            try:
+                cls = await asyncio.to_thread(ClassSearch(path).get, name)
+                of_humble = await asyncio.to_thread(DistributionVariants.get_class, name, _HUMBLE, path)
+            except TypeNotFoundError:
+                raise TypeNotFoundError(f"{reason}, and there is no local definition; {_ADVICE}") from None
             if hashes_of(cls) != hashes_of(of_humble) and await self._are_of_humble():
                 self._scope.logger.warning(
                     f"{reason}; using the definition of Humble, which differs from the local one"

@@ -21,15 +21,7 @@ import numpy as np
 from rosidl_py_gen.bags import BagError
 from rosidl_py_gen.base.field_columns import Column
 from rosidl_py_gen.cdr.arrays import DTYPES
-from rosidl_py_gen.cdr.layout import (
-    COUNT_BYTES,
-    MAX_ALIGN,
-    MAX_WSTRING_UNIT,
-    PADDING,
-    WSTRING_UNIT_BYTES,
-    Header,
-    align_up,
-)
+from rosidl_py_gen.cdr.layout import Alignment, Count, Header, WStringUnit
 from rosidl_py_gen.cdr.structured_arrays import StructuredCodec, cached_per_class
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
@@ -48,7 +40,7 @@ if TYPE_CHECKING:
 
 _TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 _BYTE = np.dtype("u1")
-_WORD_SHIFT = COUNT_BYTES.bit_length() - 1
+_WORD_SHIFT = Count.SIZE.bit_length() - 1
 """Number of bits by which a byte offset is shifted to get the index of its 4-byte word; a division of int64 arrays is
 much slower."""
 _SHORT_RANGE_BYTES = 24
@@ -100,7 +92,7 @@ class BatchCursor:
 
     def counts(self) -> Ints:
         """Return the unsigned 4-byte number at each position, and move each position to the byte after its number."""
-        counts: Ints = self.words[self.take(COUNT_BYTES, COUNT_BYTES) >> _WORD_SHIFT].astype(np.int64)
+        counts: Ints = self.words[self.take(Count.SIZE, Count.SIZE) >> _WORD_SHIFT].astype(np.int64)
         return counts
 
 
@@ -112,16 +104,16 @@ def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     if len(messages) == 1:
         data: bytes | memoryview = messages[0]
-    elif (sizes & MAX_ALIGN - 1).any():
+    elif (sizes & Alignment.MAX - 1).any():
         pieces: list[bytes | memoryview] = [b""] * (2 * len(messages))
         pieces[::2] = messages
-        pads = PADDING[MAX_ALIGN]
-        pieces[1::2] = [pads[size] for size in (sizes & MAX_ALIGN - 1).tolist()]
+        pads = Alignment.PADDING[Alignment.MAX]
+        pieces[1::2] = [pads[size] for size in (sizes & Alignment.MAX - 1).tolist()]
         data = b"".join(pieces)
     else:
         data = b"".join(messages)
     start = np.zeros(len(messages), np.int64)
-    np.cumsum(align_up(sizes[:-1], MAX_ALIGN), out=start[1:])
+    np.cumsum(Alignment.up(sizes[:-1], Alignment.MAX), out=start[1:])
     return cursor_at(data, start, sizes)
 
 
@@ -177,7 +169,7 @@ class FixedRun:
         if position not in self.layouts:
             offsets, end = [], position
             for one in self.fields:
-                end = align_up(end, one.align)
+                end = Alignment.up(end, one.align)
                 offsets.append(end - position)
                 end += one.dtype.itemsize * one.count
             names = [f"f{number}" for number in range(len(offsets))]
@@ -188,7 +180,7 @@ class FixedRun:
 
     def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
         start = cursor.take(0, self.fields[0].align)
-        phases = start - Header.SIZE & MAX_ALIGN - 1
+        phases = start - Header.SIZE & Alignment.MAX - 1
         phase = int(phases[0]) if len(phases) else 0
         groups: list[tuple[Any, np.dtype[np.void]]]
         if (phases == phase).all():
@@ -223,7 +215,7 @@ class StringField:
     def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
         node, counts = self.node, cursor.counts()
         if node.field.type.base == "wstring":
-            start = cursor.take(WSTRING_UNIT_BYTES * counts, 1)
+            start = cursor.take(WStringUnit.SIZE * counts, 1)
             if node in selected:
                 ranges = zip(start.tolist(), counts.tolist(), strict=True)
                 texts = [_utf16_to_utf8(cursor, begin, count) for begin, count in ranges]
@@ -255,7 +247,7 @@ class NumberSequence:
     def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
         counts = _element_counts(cursor, self.node)
         size = counts * self.dtype.itemsize
-        if self.align > COUNT_BYTES:  # padding precedes the first element; an empty sequence has none
+        if self.align > Count.SIZE:  # padding precedes the first element; an empty sequence has none
             cursor.pos = np.where(counts > 0, Header.align(cursor.pos, self.align), cursor.pos)
         start = cursor.take(size, 1)
         if self.node in selected:
@@ -357,7 +349,7 @@ def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.ui
 def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
     first = start >> _WORD_SHIFT
     units = cursor.words[first : first + count]
-    if count and units.max() > MAX_WSTRING_UNIT:
+    if count and units.max() > WStringUnit.MAX:
         raise BatchUnsupportedError
     try:
         return units.astype("<u2").tobytes().decode("utf-16-le").encode()

@@ -19,7 +19,7 @@ import numpy as np
 
 from rosidl_py_gen.bags import BagError, MessageBlock, described
 from rosidl_py_gen.cdr.arrays import DTYPES
-from rosidl_py_gen.cdr.layout import MAX_ALIGN, NETWORK_ALIGN, align_up
+from rosidl_py_gen.cdr.layout import Alignment
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow import from_numpy, pa
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags import BagChannel, BagMessage, BagReader, BagTopic, RawTuple, TableInput
+    from rosidl_py_gen.bags import BagMessage, BagReader, BagTopic, RawTuple
     from rosidl_py_gen.tables.arrow_columns import ColumnNode, SelectedColumn
 
     Times = NDArray[np.uint64]
@@ -124,7 +124,7 @@ def _with_descendants(node: ColumnNode) -> Iterator[ColumnNode]:
 def _require_ends(cursor: BatchCursor) -> None:
     """Raise `BatchUnsupportedError` if a message has bytes other than padding after its last field."""
     rest = cursor.limit - cursor.pos
-    is_padding = (rest < NETWORK_ALIGN) & ((cursor.limit & (NETWORK_ALIGN - 1)) == 0)
+    is_padding = (rest < Alignment.NETWORK) & ((cursor.limit & (Alignment.NETWORK - 1)) == 0)
     if ((rest != 0) & ~is_padding).any():
         raise BatchUnsupportedError
 
@@ -147,14 +147,16 @@ def reader(
     bag: BagReader,
     channels: Sequence[BagTopic],
     columns: Sequence[str] | str | None,
-    source: TableInput,
+    messages: Iterator[RawTuple] | Iterator[MessageBlock],
+    decode: Decode,
     batch_bytes: int,
 ) -> Any:
     """Return a ``pyarrow.RecordBatchReader`` of a topic, with the messages of `channels`.
 
     Args:
         columns: paths of columns; None means all fields.
-        source: the messages and their decoder.
+        messages: the messages by log time, or blocks of messages that are ordered for each topic.
+        decode: function that decodes messages one by one.
         batch_bytes: size of the messages of a batch.
 
     Raises:
@@ -163,7 +165,7 @@ def reader(
     by_class: dict[type[Any], BatchBuilder] = {}
     by_key: dict[tuple[str, ...], BatchBuilder] = {}
     for channel in channels:
-        builder = BatchBuilder(bag, channel, columns, source.decoded)
+        builder = BatchBuilder(bag, channel, columns, decode)
         by_key[channel.key] = by_class.setdefault(builder.cls, builder)
     schema = next(iter(by_class.values())).schema
     if not all(builder.schema.equals(schema) for builder in by_class.values()):
@@ -171,9 +173,7 @@ def reader(
             f"{bag.path}: {channels[0].name} was recorded with {len(by_class)} definitions with different columns; "
             "select columns that all of them have, or read one of `channels`"
         )
-    return pa.RecordBatchReader.from_batches(
-        schema, _batches(by_key, source.messages_or_blocks, schema, max(1, batch_bytes))
-    )
+    return pa.RecordBatchReader.from_batches(schema, _batches(by_key, messages, schema, max(1, batch_bytes)))
 
 
 def _batches(
@@ -193,7 +193,7 @@ class BatchBuffer:
         self._max_bytes = batch_bytes
         self._messages: list[Any] = []
         self._size = self._rows = 0
-        self._channel: BagChannel | None = None
+        self._channel: object = None
         self._builder: BatchBuilder | None = None
 
     def take(self, message: RawTuple | MessageBlock, by_key: dict[tuple[str, ...], BatchBuilder]) -> Batches:
@@ -274,7 +274,7 @@ class _MessageBlocks:
         size = int(self._blocks[0].size[0])
         if not all((block.size == size).all() for block in self._blocks):
             return concatenate([data for block in self._blocks for data in _slices(block)])
-        width = align_up(size, MAX_ALIGN)
+        width = Alignment.up(size, Alignment.MAX)
         rows = np.empty((len(self), width), np.uint8)
         count = 0
         for block in self._blocks:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import nanoseconds, set_stamp
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.message_filters import header_stamp
-from rosidl_py_gen.numpy import ConversionError, flat_bytes, message_class, pointcloud_to_array, quaternion_to_matrix
+from rosidl_py_gen.numpy import ConversionError, flat_bytes, pointcloud_to_array, quaternion_to_matrix
 from rosidl_py_gen.tf.frame_tree import product, without_slash
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ class Transform:
         Args:
             cls: class of the message; None uses `get_message`.
         """
-        message: Any = message_class(cls, "geometry_msgs/msg/TransformStamped")()
+        message: Any = (get_message("geometry_msgs/msg/TransformStamped") if cls is None else cls)()
         message.header.frame_id, message.child_frame_id = self.target, self.source
         set_stamp(message.header.stamp, self.stamp)
         move, turn = message.transform.translation, message.transform.rotation
@@ -142,9 +142,11 @@ def frame_and_stamp(message: Any) -> tuple[str, int]:
 
     Raises `ConversionError` without a header.
     """
-    stamp = header_stamp(message)
-    frame = getattr(getattr(message, "header", None), "frame_id", None)
-    if stamp is None or not isinstance(frame, str):
+    try:
+        frame, stamp = message.header.frame_id, nanoseconds(message.header.stamp)
+    except (AttributeError, TypeError):
+        frame, stamp = None, 0
+    if not isinstance(frame, str):
         raise ConversionError(f"cannot transform {type(message).__name__}: it has no header")
     return without_slash(frame), stamp
 

@@ -1,10 +1,9 @@
 # isort: split
 # For the other packages of rosidl_py_gen; not public.
+from rosidl_py_gen.type_loading.class_lookup import ClassSearch as ClassSearch
 from rosidl_py_gen.type_loading.class_lookup import SearchFolders as SearchFolders
 from rosidl_py_gen.type_loading.class_lookup import compile_definition as compile_definition
-from rosidl_py_gen.type_loading.class_lookup import definition_origin as definition_origin
 from rosidl_py_gen.type_loading.class_lookup import distribution_definitions as distribution_definitions
-from rosidl_py_gen.type_loading.class_lookup import find_class as find_class
 from rosidl_py_gen.type_loading.class_lookup import get_action as get_action
 from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
 from rosidl_py_gen.type_loading.class_lookup import get_service as get_service
@@ -15,7 +14,6 @@ from rosidl_py_gen.type_loading.from_description import DescribedType as Describ
 from rosidl_py_gen.type_loading.from_description import DistributionVariants as DistributionVariants
 from rosidl_py_gen.type_loading.from_description import GeneratedDefinition as GeneratedDefinition
 from rosidl_py_gen.type_loading.from_description import definition_text as definition_text
-from rosidl_py_gen.type_loading.from_description import find_named_class as find_named_class
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR as RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.import_hook import FoundPackage as FoundPackage
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning as ImportHookWarning

@@ -116,45 +116,79 @@ def compile_definition(name: str, text: str) -> type[Any]:
         return _class(registry, top, _same_definition_and_defaults)
 
 
-# --- by hash ----------------------------------------------------------------------------------------------------------
+# --- by hash or full name ---------------------------------------------------------------------------------------------
 
 
-def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> type[Any] | None:
-    """Return a class of a type whose RIHS01 hashes fit: a loaded class, or a class of the search path or of any
-    distribution.
-
-    Returns None if no class fits.
+class ClassSearch:
+    """Search for interface classes by full name, in folders before the search path.
 
     Args:
-        fits: returns True if the hashes of the requested type and of all types that it refers to, by name, fit.
-        path: searched first, as by `get_message`; raises `DefinitionError` if it cannot be read.
+        path: folders that are searched first, as by `get_message`.
+        distro: distribution whose definitions `get` and `origin` use, as `get_message` does.
     """
-    _import_class(RosName.parse(name))
-    with _lock:
-        for cls in _loaded.get(name, ()):
-            if fits(hashes_of(cls)):
-                return cls
-        for folders in (path, ()) if path else ((),):
-            try:
-                cls = _get(name, "", object, folders)
-            except TypeNotFoundError:
-                continue
-            except DefinitionError:
-                if folders:
-                    raise
-                continue
-            if fits(hashes_of(cls)):
-                return cls
-        for definition in distribution_definitions(name):
-            cls = definition.load()
-            if fits(hashes_of(cls)):
-                return cls
-    return None
 
+    def __init__(self, path: SearchFolders = (), distro: str | None = None) -> None:
+        self._path, self._distro = path, distro
 
-def get_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any]:
-    """Return the message, service or action class of a full name; arguments and errors as for `get_message`."""
-    return _get(name, "", object, path, distro)
+    def get(self, name: str) -> type[Any]:
+        """Return the message, service or action class of a full name; errors are as for `get_message`."""
+        return _get(name, "", object, self._path, self._distro)
+
+    def find(self, name: str, fits: HashPredicate) -> type[Any] | None:
+        """Return a class of a type whose RIHS01 hashes fit: a loaded class, or a class of the search path or of any
+        distribution.
+
+        Returns None if no class fits.
+
+        Args:
+            name: full name of the type.
+            fits: returns True if the hashes of the requested type and of all types that it refers to, by name, fit.
+
+        Raises:
+            DefinitionError: a definition in the folders cannot be read.
+        """
+        path = self._path
+        _import_class(RosName.parse(name))
+        with _lock:
+            for cls in _loaded.get(name, ()):
+                if fits(hashes_of(cls)):
+                    return cls
+            for folders in (path, ()) if path else ((),):
+                try:
+                    cls = _get(name, "", object, folders)
+                except TypeNotFoundError:
+                    continue
+                except DefinitionError:
+                    if folders:
+                        raise
+                    continue
+                if fits(hashes_of(cls)):
+                    return cls
+            for definition in distribution_definitions(name):
+                cls = definition.load()
+                if fits(hashes_of(cls)):
+                    return cls
+        return None
+
+    def origin(self, cls: type[Any]) -> str:
+        """Return the origin of a class's definition for display: a module, the file of the definition, or ``bundled``.
+
+        A bundled definition that only another distribution than the default has gives ``bundled (humble)``.
+        """
+        module = cls.__module__
+        if not module.startswith(_MEMORY):
+            return "bundled" if module.startswith(GeneratedCode.BUNDLED_PREFIX) else f"module {module}"
+        name = RosName.parse(cls._TYPE.name)
+        with _lock:
+            registry = _registry(_entries(self._path), self._distro)
+            package = registry.search.packages.get(name.package)
+            if package is None or package.is_bundled:
+                for one in distribution_definitions(str(name)):
+                    if one.type_hash == type_hash(cls) and Distribution.DEFAULT not in one.distributions:
+                        return f"bundled ({', '.join(one.distributions)})"
+                return "bundled" if package else "another text of this process"
+            file = package.files.get(registry.owner(name) or name)
+        return display_path(file or package.folder)
 
 
 class DistributionDefinition(NamedTuple):
@@ -182,28 +216,6 @@ def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
     return tuple(DistributionDefinition(name, text, tuple(distros.split())) for text, distros in rows.items())
 
 
-def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str | None = None) -> str:
-    """Return the origin of a class's definition for display: a module, the file of the definition, or ``bundled``.
-
-    A bundled definition that only another distribution than the default has gives ``bundled (humble)``.
-    """
-    module = cls.__module__
-    if not module.startswith(_MEMORY):
-        return "bundled" if module.startswith(GeneratedCode.BUNDLED_PREFIX) else f"module {module}"
-    name = RosName.parse(cls._TYPE.name)
-    folders = [path] if isinstance(path, (str, os.PathLike)) else path
-    with _lock:
-        registry = _registry(tuple(str(entry) for entry in folders), distro)
-        package = registry.search.packages.get(name.package)
-        if package is None or package.is_bundled:
-            for one in distribution_definitions(str(name)):
-                if one.type_hash == type_hash(cls) and Distribution.DEFAULT not in one.distributions:
-                    return f"bundled ({', '.join(one.distributions)})"
-            return "bundled" if package else "another text of this process"
-        file = package.files.get(registry.owner(name) or name)
-    return display_path(file or package.folder)
-
-
 def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
     """Return the class of a checked type.
 
@@ -212,7 +224,7 @@ def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: Searc
 
     def find(registry: InterfaceRegistry, part: RosName) -> type | None:
         text, wanted = str(part), registry.type_hash(str(part))
-        return find_class(text, lambda hashes: hashes[text] == wanted, path=path)
+        return ClassSearch(path).find(text, lambda hashes: hashes[text] == wanted)
 
     _import_classes(registry, name)
     with _lock:
@@ -222,10 +234,14 @@ def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: Searc
 # --- by name ----------------------------------------------------------------------------------------------------------
 
 
+def _entries(path: SearchFolders) -> tuple[str, ...]:
+    return tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
+
+
 def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str | None = None) -> type[T]:
     if not isinstance(text, str):
         raise InvalidNameError(f"expected the name of an interface, found {type(text).__name__}")
-    entries = tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
+    entries = _entries(path)
     name = RosName.parse(text, kind)
     full_name = str(name)
     choice = Distribution.selected(distro)

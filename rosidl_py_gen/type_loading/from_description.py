@@ -25,16 +25,15 @@ from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
+from rosidl_py_gen.cdr.layout import Alignment
 from rosidl_py_gen.cdr.structured_arrays import cached_per_class
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_description, type_name
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, TypeNotFoundError, display_path
 from rosidl_py_gen.type_loading.class_lookup import (
+    ClassSearch,
     class_of_registry,
     distribution_definitions,
-    find_class,
     find_installed_class,
-    get_named_class,
     registry_of,
 )
 
@@ -214,8 +213,27 @@ class DistributionVariants:
         Raises:
             RosidlError: the name is invalid, or a definition cannot be read.
         """
-        found = find_class(name, lambda hashes: hashes[name] == type_hash)
+        found = ClassSearch().find(name, lambda hashes: hashes[name] == type_hash)
         return None if found is None else cls(found)
+
+    @staticmethod
+    def get_class(name: str, distro: str, path: SearchFolders = ()) -> type[Any]:
+        """Return the message, service or action class that nodes of a distribution use, as far as it is known on this
+        machine.
+
+        Args:
+            name: full name of the type.
+            distro: name of the distribution.
+            path: folders that are searched first, as by `get_message`.
+
+        Raises:
+            RosidlError: as for `get_message`.
+        """
+        cls = ClassSearch(path, distro).get(name)
+        if not issubclass(cls, Message) or find_installed_class(RosName.parse(name)) is not cls:
+            return cls
+        # A generated class contains the types of the distribution for which it was generated.
+        return _class_in(distro, cls)
 
     def with_hash(self, type_hash: str) -> tuple[str, ...]:
         """Return the distributions whose definition has a hash, oldest first; empty if no distribution has it."""
@@ -231,7 +249,7 @@ class DistributionVariants:
             size = len(cls._decode(data)._encode())
         except (DecodeError, EncodeError):
             return False
-        return 0 <= len(data) - size < NETWORK_ALIGN
+        return 0 <= len(data) - size < Alignment.NETWORK
 
 
 @cached_per_class
@@ -241,21 +259,6 @@ def _class_in(distro: str, cls: type[Any]) -> type[Any]:
     if description is None:
         return cls
     return DescribedType(cls._TYPE.name, TypeDescriptions.by_name(description)).load()
-
-
-def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
-    """Return the message, service or action class of a full name; None if there is no such type.
-
-    With `distro`, this is the class that nodes of the distribution use, as far as it is known on this machine.
-    """
-    try:
-        cls = get_named_class(name, path=path, distro=distro)
-    except TypeNotFoundError:
-        return None
-    if distro is None or not issubclass(cls, Message) or find_installed_class(RosName.parse(name)) is not cls:
-        return cls
-    # A generated class contains the types of the distribution for which it was generated.
-    return _class_in(distro, cls)
 
 
 @cached_per_class

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.class_lookup import get_named_class
+from rosidl_py_gen.type_loading.class_lookup import ClassSearch
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,8 +89,9 @@ class Interfaces:
         if code is not None:
             exec(code, module.__dict__)
             return
+        search = ClassSearch(self._folders, self._distro)
         for part in _SUFFIXES[name.kind]:
-            cls = get_named_class(f"{name}{part}", path=self._folders, distro=self._distro)
+            cls = search.get(f"{name}{part}")
             module.__dict__[py_name(name.name + part)] = cls
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 

@@ -17,7 +17,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
@@ -105,7 +105,7 @@ def numbers(kind: str) -> st.SearchStrategy[Any]:
         return st.booleans()
     if kind in FLOATS:
         return st.floats(width=8 * NUMBERS[kind][1])
-    low, high = INTEGER_RANGES[NUMBERS[kind][0]]
+    low, high = PRIMITIVES[kind].integer_range
     return st.one_of(st.integers(low, high), st.sampled_from((low, high)))
 
 

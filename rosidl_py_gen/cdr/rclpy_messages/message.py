@@ -18,16 +18,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MAX_FLOATS, PRIMITIVES, Arity
+from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, short_repr
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service
 from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes, to_array
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.base.fieldtype import FieldType
-
-_NOUNS = {one.code: one.idl for one in PRIMITIVES.values() if one.python == "float"}
-"""Names of floats in error texts, by struct code."""
+    from rosidl_py_gen.base.fieldtype import FieldType, Primitive
 
 
 def check(field: Field, value: Any) -> bool:
@@ -61,25 +58,22 @@ def _check_scalar(field: Field, value: Any) -> None:
     else:
         python = _python_type(field)
         _require(isinstance(value, python), f"The '{name}' field must be of type '{python.__name__}'")
-        code = _number_code(kind)
-        if code:
-            _require(_is_in_range(value, code), f"The '{name}' field must be {_range_text(code)}")
+        number = _number(kind)
+        if number:
+            _require(_is_in_range(value, number), f"The '{name}' field must be {_range_text(number)}")
 
 
-def _range_text(code: str) -> str:
-    if code in _NOUNS:
-        return f"a {_NOUNS[code]} in [{-MAX_FLOATS[code]!r}, {MAX_FLOATS[code]!r}]"
-    low, high = INTEGER_RANGES[code]
+def _range_text(number: Primitive) -> str:
+    if number.max_float:
+        return f"a {number.idl} in [{-number.max_float!r}, {number.max_float!r}]"
+    low, high = number.integer_range
     return f"an {'integer' if low else 'unsigned integer'} in [{low}, {high}]"
 
 
-def _number_code(kind: FieldType) -> str:
-    """Return the struct code of a type of numbers; "" for bools, bytes and other types."""
-    return kind.primitive.code if kind.primitive is not None and kind.primitive.array_code else ""
-
-
-def _array_code(kind: FieldType) -> str:
-    return kind.primitive.array_code if kind.primitive is not None else ""
+def _number(kind: FieldType) -> Primitive | None:
+    """Return the primitive of a type of numbers; None for bools, bytes and other types."""
+    primitive = kind.primitive
+    return primitive if primitive is not None and primitive.array_code else None
 
 
 def _python_type(field: Field) -> type:
@@ -90,10 +84,10 @@ def _python_type(field: Field) -> type:
     return bytes if kind.base == "byte" else types[kind.primitive.python] if kind.primitive is not None else str
 
 
-def _is_in_range(value: Any, code: str) -> bool:
-    if code in _NOUNS:
-        return not (value < -MAX_FLOATS[code] or value > MAX_FLOATS[code]) or math.isinf(value)
-    low, high = INTEGER_RANGES[code]
+def _is_in_range(value: Any, number: Primitive) -> bool:
+    if number.max_float:
+        return not (value < -number.max_float or value > number.max_float) or math.isinf(value)
+    low, high = number.integer_range
     return bool(low <= value <= high)
 
 
@@ -102,20 +96,20 @@ def _is_right_array(field: Field, value: Any) -> bool:
 
     Raises AssertionError for an array of another type or size.
     """
-    name, kind, code = field.py_name, field.type, _number_code(field.type)
-    if not code:
+    name, kind, number = field.py_name, field.type, _number(field.type)
+    if number is None:
         return False
     if kind.arity is Arity.ARRAY:
         if not isinstance(value, np.ndarray):
             return False
-        dtype = DTYPES[code].name
-        text = f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype}'"
-        _require(value.dtype == DTYPES[code], text)
+        dtype = DTYPES[number.code]
+        text = f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype.name}'"
+        _require(value.dtype == dtype, text)
         _require(value.size == kind.capacity, f"The '{name}' numpy.ndarray() must have a size of {kind.capacity}")
         return True
     if not isinstance(value, array):
         return False
-    type_code = _array_code(kind)
+    type_code = number.array_code
     _require(value.typecode == type_code, f"The '{name}' array.array() must have the type code of '{type_code}'")
     if kind.arity is Arity.BOUNDED:
         _require(len(value) <= kind.capacity, f"The '{name}' array.array() must have a size <= {kind.capacity}")
@@ -127,20 +121,20 @@ def _check_many(field: Field, value: Any) -> bool:
 
     Returns False, which means that the collection must be converted before it is stored.
     """
-    kind, python, code = field.type, _python_type(field), _number_code(field.type)
+    kind, python, number = field.type, _python_type(field), _number(field.type)
     lengths = {Arity.ARRAY: f" with length {kind.capacity}", Arity.BOUNDED: f" with length <= {kind.capacity}"}
     text = f"The '{field.py_name}' field must be a set or sequence{lengths.get(kind.arity, '')} and each value of type "
     text += f"'{python.__name__}'"
-    if code in _NOUNS:
-        text += f" and each {_NOUNS[code]} in [{-MAX_FLOATS[code]:f}, {MAX_FLOATS[code]:f}]"
-    elif code:
-        text += f" and each {_range_text(code).removeprefix('an ')}"
+    if number and number.max_float:
+        text += f" and each {number.idl} in [{-number.max_float:f}, {number.max_float:f}]"
+    elif number:
+        text += f" and each {_range_text(number).removeprefix('an ')}"
     is_sequence = isinstance(value, (Sequence, Set, UserList, array)) and not isinstance(value, (str, UserString))
     _require(is_sequence, text)
     _require(kind.arity is not Arity.ARRAY or len(value) == kind.capacity, text)
     _require(kind.arity is not Arity.BOUNDED or len(value) <= kind.capacity, text)
     _require(all(isinstance(item, python) for item in value), text)
-    _require(not code or all(_is_in_range(item, code) for item in value), text)
+    _require(not number or all(_is_in_range(item, number) for item in value), text)
     return False
 
 
@@ -204,7 +198,8 @@ def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
     """
     member = cls.__dict__[slot_name(field.py_name)]
     kind = field.type
-    code, type_code = _number_code(kind), _array_code(kind)
+    number = _number(kind)
+    code, type_code = (number.code, number.array_code) if number else ("", "")
     convert: Callable[[Any], Any] | None = None
     if code and kind.arity is not Arity.SCALAR:
         convert = (

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.cdr.layout import WSTRING_UNIT_BYTES, Header
+from rosidl_py_gen.cdr.layout import Header, WStringUnit
 from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus, read_string
@@ -237,7 +237,7 @@ class _DecoderEmitter:
         if step.type.base == "wstring":
             out.append(f"{target} = {self.api.support('from_utf16')}(raw, {at}, {count})")
             if needed:
-                self.move(at, f"{WSTRING_UNIT_BYTES} * {count}", out)
+                self.move(at, f"{WStringUnit.SIZE} * {count}", out)
             return
         end = f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"
         out += read_string(target, at, end, self.bulk)

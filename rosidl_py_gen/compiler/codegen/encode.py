@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.cdr.layout import MAX_ALIGN, NUL, Header
+from rosidl_py_gen.cdr.layout import NUL, Alignment, Header
 from rosidl_py_gen.compiler.codegen import layout_plan
 from rosidl_py_gen.compiler.codegen.python_text import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import HEADER_CODE, Structs, block, check, plus
@@ -231,7 +231,7 @@ class _EncoderEmitter:
         if run.nul and run.align == 1:
             code = "x" + code
         pack = self.structs.name("pack", code, run.align, run.nul and run.align > 1)
-        index = f"[{self.pos} & {MAX_ALIGN - 1}]" if run.align > 1 else ""
+        index = f"[{self.pos} & {Alignment.MAX - 1}]" if run.align > 1 else ""
         self.segment(f"{pack}{index}({', '.join(arguments)})", out)
         if needed and run.align > 1:
             skip = run.align - 1 + run.nul

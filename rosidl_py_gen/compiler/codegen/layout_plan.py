@@ -19,16 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.cdr.layout import (
-    COUNT_BYTES,
-    COUNT_CODE,
-    EMPTY_MESSAGE,
-    MAX_ALIGN,
-    NUL,
-    WSTRING_UNIT_BYTES,
-    element_alignment,
-    min_element_size,
-)
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, NUL, Alignment, Count, WStringUnit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -361,7 +352,7 @@ class LayoutPlanner:
         """Return the layout plan of a message; all types that it refers to must exist."""
         is_outlined = self.is_outlined(name)
         # An outlined message is called at any position, so nothing is known of its start; others start at offset 0.
-        builder = _PlanBuilder(self, AlignmentState(None, 1, 0) if is_outlined else AlignmentState(0, MAX_ALIGN, 0))
+        builder = _PlanBuilder(self, AlignmentState(None, 1, 0) if is_outlined else AlignmentState(0, Alignment.MAX, 0))
         builder.message(name, 0, "")
         builder.close()
         return LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
@@ -372,9 +363,9 @@ class LayoutPlanner:
         total = 0
         for kind in (item.type for item in self.message(name).fields):
             if kind.is_sequence:
-                total += COUNT_BYTES
+                total += Count.SIZE
             else:
-                element = self.min_size(kind.base) if kind.is_message else min_element_size(kind)
+                element = self.min_size(kind.base) if kind.is_message else Alignment.of_element(kind)  # also its size
                 total += element * kind.fixed_count
         return max(len(EMPTY_MESSAGE), total)
 
@@ -412,9 +403,9 @@ def _known_modulus(kind: FieldType) -> int:
     A string may end anywhere. An empty sequence ends after its length prefix, without the padding of an element.
     """
     if kind.is_string:
-        return WSTRING_UNIT_BYTES if kind.base == "wstring" else 1
+        return WStringUnit.SIZE if kind.base == "wstring" else 1
     assert kind.primitive is not None
-    return min(kind.primitive.size, COUNT_BYTES)
+    return min(kind.primitive.size, Count.SIZE)
 
 
 class _PlanBuilder:
@@ -538,7 +529,7 @@ class _PlanBuilder:
         return self.next_object - 1
 
     def _count(self, ref: Ref) -> None:
-        self._items(LengthPrefix(ref, self._append_to_run(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
+        self._items(LengthPrefix(ref, self._append_to_run(Count.SIZE, Count.SIZE, Count.CODE, 1)))
         self.end_run()
 
     def _many(self, ref: Ref, kind: FieldType) -> None:
@@ -557,7 +548,7 @@ class _PlanBuilder:
         if primitive is not None:
             self._numbers(ref, kind, self.planner.codes[kind.base], primitive.size)
         elif kind.is_string:
-            pad, align = self._padding_before(element_alignment(kind))
+            pad, align = self._padding_before(Alignment.of_element(kind))
             self.steps.append(StringArray(ref, kind, pad, align, self.now))
             self._lose_offset(_known_modulus(kind))
         else:
@@ -658,7 +649,7 @@ class _PlanBuilder:
         if not fields:
             return 1
         kind = fields[0].type
-        return self._first_alignment(kind.base) if kind.is_message else element_alignment(kind)
+        return self._first_alignment(kind.base) if kind.is_message else Alignment.of_element(kind)
 
 
 def _common_alignment(left: AlignmentState, right: AlignmentState) -> AlignmentState:

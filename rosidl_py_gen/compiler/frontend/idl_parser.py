@@ -17,7 +17,7 @@ from lark import Lark, Transformer, v_args
 from lark import Token as LarkToken
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, decode_idl_string, python_value
 from rosidl_py_gen.compiler.frontend.model import (
@@ -558,7 +558,7 @@ def _fit(kind: FieldType, value: Scalar, at: Token) -> Scalar:
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return float(value)
     elif isinstance(value, int) and not isinstance(value, bool):
-        low, high = INTEGER_RANGES[PRIMITIVES[kind.base].code]
+        low, high = primitive.integer_range
         if low <= value <= high:
             return value
     raise at.problem(f"expected a value of type {kind}, found {str(value)[:40]!r}")

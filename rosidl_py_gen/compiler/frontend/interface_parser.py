@@ -19,7 +19,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.fieldtype import MSG_PRIMITIVES, Arity, FieldType
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import (
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
 _TYPE, _SIZE = r"[^\s/<=\[\]]+", r"[^\s<=\[\]]+"
 _END = "the end"
-_TYPES = (*MSG_PRIMITIVES, "string", "wstring")
 FOREIGN_TYPES = {
     "float": "float32 or float64",
     "double": "float64",
@@ -59,7 +58,7 @@ FOREIGN_TYPES = {
     "short": "int16",
     "unsigned": "uint32",
     "uint": "uint32 or uint64",
-    **{word: word for word in _TYPES},
+    **{word: word for word in FieldType.MSG_BASES},
 }
 """Type names of IDL, C++ and Python in lower case, each with the .msg type that an error suggests instead."""
 _OPTIONAL = re.compile(r"@optional +(?=[^ ])")
@@ -268,7 +267,7 @@ _cached_type = lru_cache(maxsize=512)(FieldType)
 def _base(tokens: dict[str, Token], package: str) -> str:
     token, has_package = tokens.get("member", tokens["type"]), "member" in tokens
     text = token.text
-    if not has_package and text in _TYPES:
+    if not has_package and text in FieldType.MSG_BASES:
         return text
     if not has_package and text in ("time", "duration"):
         raise token.problem(f'"{text}" is a ROS 1 type; use builtin_interfaces/{text.capitalize()}')
@@ -276,7 +275,7 @@ def _base(tokens: dict[str, Token], package: str) -> str:
         hint = ""
         if not has_package:
             other = FOREIGN_TYPES.get(text.lower())
-            hint = f"; use {other}" if other else did_you_mean(text, _TYPES)
+            hint = f"; use {other}" if other else did_you_mean(text, FieldType.MSG_BASES)
         raise token.problem(f'"{text}" is neither a primitive type nor a message name ({RosName.NAME_RULE}){hint}')
     if has_package:
         package = tokens["type"].text

@@ -12,7 +12,7 @@ import re
 from ast import literal_eval
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Default, Scalar
@@ -106,7 +106,7 @@ def _floating(text: str) -> float:
 
 
 def _integer(base: str, text: str) -> int:
-    low, high = INTEGER_RANGES[PRIMITIVES[base].code]
+    low, high = PRIMITIVES[base].integer_range
     value: int | None = None
     if len(text) <= _MAX_DIGITS:
         for number_base in (10, 0):

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.base import lazy_numpy as np
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
+from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import EncodeError, RosidlError
@@ -251,7 +251,7 @@ def _field_converter(
         return None
     dtype = np.dtype(other.numpy)
     if not is_scalar:
-        return _array(dtype, other.code, path)
+        return _array(dtype, path)
     return int if other.python == "int" else _real(dtype, path)  # the range of an int is checked by encoding
 
 
@@ -264,15 +264,16 @@ def _real(dtype: np.dtype[Any], path: str) -> Converter:
     return convert
 
 
-def _array(dtype: np.dtype[Any], code: str, path: str) -> Converter:
+def _array(dtype: np.dtype[Any], path: str) -> Converter:
     def convert(values: Any) -> Any:
         array = np.asarray(values)
         if not array.size:
             return array.astype(dtype)
-        if code in INTEGER_RANGES:
-            low, high = INTEGER_RANGES[code]
-            if int(array.min()) < low or int(array.max()) > high:
-                raise EncodeError(path, f"expected {low} to {high}, found {int(array.min())} to {int(array.max())}")
+        if dtype.kind in "iu":
+            fits = np.iinfo(dtype)
+            low, high = int(array.min()), int(array.max())
+            if low < fits.min or high > fits.max:
+                raise EncodeError(path, f"expected {fits.min} to {fits.max}, found {low} to {high}")
             return array.astype(dtype)
         with np.errstate(over="ignore", invalid="ignore"):
             converted = array.astype(dtype)

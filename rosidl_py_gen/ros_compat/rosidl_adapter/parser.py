@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypedDict, TypeVar
 
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, FieldType
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend import CONSTANT_NAME, LiteralProblem, file_scalar, is_interface_name, split_strings
 
@@ -33,7 +33,7 @@ ACTION_GOAL_SUFFIX = ACTION_GOAL_SERVICE_SUFFIX = "_Goal"
 ACTION_RESULT_SUFFIX = ACTION_RESULT_SERVICE_SUFFIX = "_Result"
 ACTION_FEEDBACK_SUFFIX = ACTION_FEEDBACK_MESSAGE_SUFFIX = "_Feedback"
 
-PRIMITIVE_TYPES = [*MSG_PRIMITIVES, "string", "wstring", "duration", "time"]
+PRIMITIVE_TYPES = [*FieldType.MSG_BASES, "duration", "time"]
 """Names of primitive types; `duration` and `time` are types of ROS 1, and have no values."""
 
 # For programs that show them. Names are checked without them, because the last one backtracks exponentially.
@@ -686,7 +686,7 @@ def _expected(name: str) -> str:
         return "must be either 'true' / '1' or 'false' / '0'"
     if name.startswith("float"):
         return "must be a floating point number using '.' as the separator"
-    low, high = INTEGER_RANGES[PRIMITIVES[name].code]
+    low, high = PRIMITIVES[name].integer_range
     return f"must be a valid integer value >= {low} and <= {high}"
 
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.base.stamps import sec_nanosec
-from rosidl_py_gen.cdr.layout import COUNT_BYTES, Header
+from rosidl_py_gen.cdr.layout import Count, Header
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -382,7 +382,7 @@ class GoalTable(Generic[ResultT]):
 
 
 _ROW = struct.Struct("<16s3xiIB")
-_FIRST = Header.SIZE + COUNT_BYTES
+_FIRST = Header.SIZE + Count.SIZE
 _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
@@ -422,7 +422,7 @@ class StatusArray:
         """Return the serialized GoalStatusArray."""
         rows = self._rows
         first_id, rest = rows[:_ID_BYTES], memoryview(rows)[_ID_BYTES + _PAD_BYTES :]
-        return b"".join((Header.BYTES, len(self._offsets).to_bytes(COUNT_BYTES, "little"), first_id, rest))
+        return b"".join((Header.BYTES, len(self._offsets).to_bytes(Count.SIZE, "little"), first_id, rest))
 
 
 def find_status(data: Payload, goal_id: bytes) -> int | None:

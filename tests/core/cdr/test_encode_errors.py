@@ -18,7 +18,7 @@ from support.inner_state import type_fields
 
 from rosidl_py_gen import EncodeError, compile_definition, decode, encode, get_message, to_dict, validate
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.cdr import codec
+from rosidl_py_gen.cdr.layout import Count
 
 Everything = compile_definition(
     "wrong/msg/Everything",
@@ -164,7 +164,7 @@ def test_deleted_field_is_reported_as_not_set() -> None:
 
 
 def test_sequence_longer_than_its_count_can_express_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(codec, "MAX_COUNT", 3)  # of 2^32 - 1, which would need as many bytes
+    monkeypatch.setattr(Count, "MAX", 3)  # of 2^32 - 1, which would need as many bytes
     message = get_message("std_msgs/msg/UInt8MultiArray")(data=[1] * 4)
     with pytest.raises(EncodeError, match=r"Array\.data: expected at most 3 elements, found 4"):
         validate(message)

@@ -23,7 +23,7 @@ from support.rclpy_messages import hooked, rclpy_class
 from support.reference_cdr import NUMBERS
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, MSG_PRIMITIVES, PRIMITIVES, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, FieldType
 from rosidl_py_gen.cdr import support
 from rosidl_py_gen.cdr.rclpy_messages import arrays, slot_types
 
@@ -99,6 +99,7 @@ def test_type_checkers_find_what_generated_code_imports_for_a_type(name: str) ->
         assert expected.items() <= declarations(arrays).items()
 
 
+MSG_PRIMITIVES = [name for name in FieldType.MSG_BASES if name in PRIMITIVES]
 FORMS = [*((name, "idl") for name in PRIMITIVES), *((name, "msg") for name in MSG_PRIMITIVES)]
 
 
@@ -175,7 +176,7 @@ def wrong_values(name: str) -> list[Any]:
     if name in ("bool", "byte"):
         return ["x", 2]
     if one.python == "int":
-        low, high = INTEGER_RANGES[one.code]
+        low, high = one.integer_range
         return ["x", low - 1, high + 1]
     beyond = 2 * float(np.finfo(numpy_name(name)).max)
     return ["x"] if math.isinf(beyond) else ["x", beyond, -beyond]  # infinity is a value

@@ -25,7 +25,7 @@ from rosidl_py_gen.base.resources import DataFolders
 from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces, files_below
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.generate import LoadedInterfaces
-from rosidl_py_gen.type_loading.class_lookup import definition_origin, distribution_definitions, find_class
+from rosidl_py_gen.type_loading.class_lookup import ClassSearch, distribution_definitions
 
 # Computed by rosidl's own tools from the files of the distributions (docs/internals/protocol.md 1.9).
 UPSTREAM = {
@@ -135,9 +135,9 @@ def test_distribution_definitions_lists_each_definition_with_its_distributions()
 def test_classes_by_hash_are_found_in_all_distributions() -> None:
     for name, distro in (("nav_msgs/msg/Trajectory", "lyrical"), ("sensor_msgs/msg/Range", "humble")):
         wanted = f"RIHS01_{UPSTREAM[name, distro]}"
-        cls = find_class(name, lambda hashes, name=name, wanted=wanted: hashes[name] == wanted)  # type: ignore[misc]
+        cls = ClassSearch().find(name, lambda hashes, name=name, wanted=wanted: hashes[name] == wanted)  # type: ignore[misc]
         assert cls is not None and type_hash(cls) == wanted
-        assert definition_origin(cls) == f"bundled ({distro})"
+        assert ClassSearch().origin(cls) == f"bundled ({distro})"
 
 
 @pytest.mark.parametrize("wrong", ["foxy", "", "Jazzy Jalisco", "../humble", "\x1b[31m"])

@@ -13,7 +13,7 @@ from typing import Any
 
 from support.reference_cdr import NUMBERS
 
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.compiler.frontend.model import MessageDef
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
@@ -64,5 +64,5 @@ class RandomMessages:
         if letter in "fd":
             value = random.choice((*FLOATS, random.uniform(-1e6, 1e6)))
             return value if isinstance(value, str) else struct.unpack(letter, struct.pack(letter, value))[0]
-        low, high = INTEGER_RANGES[letter]
+        low, high = PRIMITIVES[kind.base].integer_range
         return random.choice((low, high, 0, random.randint(low, high)))

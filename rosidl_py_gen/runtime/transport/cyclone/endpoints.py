@@ -27,7 +27,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
+from rosidl_py_gen.cdr.layout import Alignment
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs import get_logger
 from rosidl_py_gen.runtime.transport.api import (
@@ -88,6 +88,7 @@ def warn_about_socket_buffers(size_bytes: int) -> None:
         )
 
 
+_NETWORK_ALIGN = Alignment.NETWORK  # an attribute of a class takes 12 ns more
 _BATCH = 32
 """Maximum number of samples that one call takes from a reader. A larger number helps only with deeper queues; each
 sample costs 72 bytes."""
@@ -192,7 +193,7 @@ class CycloneWriter(_CycloneEndpoint):
         self.handle = handle.value
 
     def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool:
-        if data.__class__ is not bytes or len(data) % NETWORK_ALIGN:
+        if data.__class__ is not bytes or len(data) % _NETWORK_ALIGN:
             data = pad_to_4_bytes(data)
         size = len(data)
         iov = pack_iov(address_of(data), size)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
-from rosidl_py_gen.cdr.layout import COUNT_BYTES, NETWORK_ALIGN, NUL, Header
+from rosidl_py_gen.cdr.layout import NUL, Alignment, Count, Header
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs import internal_logger
@@ -68,8 +68,8 @@ def encode_message(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is
 
 
 def _append_count(out: bytearray, count: int) -> None:
-    out += bytes(Header.align(len(out), COUNT_BYTES) - len(out))
-    out += count.to_bytes(COUNT_BYTES, "little")
+    out += bytes(Header.align(len(out), Count.SIZE) - len(out))
+    out += count.to_bytes(Count.SIZE, "little")
 
 
 def decode_message(data: Payload, sender_prefix: bytes) -> NodesAnnounced:
@@ -112,7 +112,7 @@ class _MessageCursor:
         nodes = [self._node() for _ in range(self._count("node_entities_info_seq"))]
         # The network pads to a multiple of 4 (docs/internals/protocol.md 2.4).
         left = len(self.data) - self.position
-        if left >= NETWORK_ALIGN or any(self.data[self.position :]):
+        if left >= Alignment.NETWORK or any(self.data[self.position :]):
             raise DecodeError(_TYPE, self.position, f"expected the end of the message, found {left} more bytes")
         return nodes
 
@@ -131,13 +131,13 @@ class _MessageCursor:
         return data
 
     def _number(self) -> int:
-        self.position = Header.align(self.position, COUNT_BYTES)
-        return int.from_bytes(self._read(COUNT_BYTES), "little")
+        self.position = Header.align(self.position, Count.SIZE)
+        return int.from_bytes(self._read(Count.SIZE), "little")
 
     def _count(self, field: str) -> int:
         count = self._number()
         if count > _MAX_ITEMS:
-            offset = self.position - COUNT_BYTES
+            offset = self.position - Count.SIZE
             raise DecodeError(f"{_TYPE}.{field}", offset, f"expected at most {_MAX_ITEMS} elements, found {count}")
         return count
 

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Protocol, TypeAlias
 
-from rosidl_py_gen.cdr.layout import NETWORK_ALIGN, PADDING, Header
+from rosidl_py_gen.cdr.layout import Alignment, Header
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs import internal_logger
 from rosidl_py_gen.runtime.transport.api import (
@@ -361,8 +361,10 @@ _LITTLE = struct.Struct("<Qq")
 _BIG = struct.Struct(">Qq")
 _identity = struct.Struct("<16sq")
 _MASK = 2**64 - 1
-_FILL = PADDING[NETWORK_ALIGN]
-_HEADER_BYTES = Header.SIZE  # an attribute of a class takes 12 ns more
+# An attribute of a class takes 12 ns more.
+_HEADER_BYTES = Header.SIZE
+_NETWORK_ALIGN = Alignment.NETWORK
+_FILL = Alignment.PADDING[_NETWORK_ALIGN]
 _LARGE_BYTES = 1024
 """Size in bytes from which a message is passed as a memoryview, because this is cheaper than another copy."""
 
@@ -392,7 +394,7 @@ def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
     # bytes number of the request (docs/internals/protocol.md 5.1).
     rest = message[_HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[_HEADER_BYTES:]
     return b"".join(
-        (message[:_HEADER_BYTES], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) % NETWORK_ALIGN])
+        (message[:_HEADER_BYTES], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) % _NETWORK_ALIGN])
     )
 
 

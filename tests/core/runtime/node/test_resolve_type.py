@@ -17,7 +17,7 @@ from support.worlds import World
 from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash, type_name
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError, type_descriptions
-from rosidl_py_gen.type_loading import from_description
+from rosidl_py_gen.type_loading import class_lookup, from_description
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -245,7 +245,7 @@ async def test_generated_class_uses_nested_humble_definitions_for_humble_node(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sonar: Any = compile_definition(f"sonar_msgs/msg/Generated{next(_numbers)}", "sensor_msgs/Range[] all")
-    monkeypatch.setattr(from_description, "get_named_class", lambda name, **_: sonar)
+    monkeypatch.setattr(class_lookup.ClassSearch, "get", lambda _, name: sonar)
     monkeypatch.setattr(from_description, "find_installed_class", lambda name: sonar)
     teller(memory, "robot", None).create_publisher(without_hash(sonar), "t")
     cls = await memory.node("asker").resolve_type("t", timeout_s=10)
