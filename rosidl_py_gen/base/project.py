@@ -14,7 +14,6 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import GeneratedCode
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
@@ -136,6 +135,8 @@ def _checked(folder: Path, table: object) -> list[str]:
         raise _wrong(file, f"tool.{_TABLE}: expected a table, got {table!r:.80}")
     for key in table:
         if key not in _KEYS:
+            from rosidl_py_gen.base.names import did_you_mean
+
             hint = did_you_mean(key, _KEYS)
             raise _wrong(file, f"[tool.{_TABLE}]: unknown key {key!r:.80}{hint or '; expected path'}")
     value = table.get("path", [])

@@ -28,7 +28,6 @@ from rosidl_py_gen.base.extras import Extra
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.project import GeneratedPackages, with_project_path
 from rosidl_py_gen.base.terminal_text import printable_lines
-from rosidl_py_gen.command_support import report
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
 
 if TYPE_CHECKING:
@@ -179,22 +178,28 @@ def exit_on_error() -> Iterator[None]:
         sys.exit(error.exit_code)
     except (click_module().Abort, KeyboardInterrupt):
         sys.exit(130)
-    except DefinitionError as error:
-        for diagnostic in error.diagnostics:
-            report(diagnostic.with_caret())
-        sys.exit(1)
-    except RosidlError as error:
-        report(str(error))
-        sys.exit(1)
-    except ModuleNotFoundError as error:
-        message = Extra.missing_error(error)
-        if message is None:
+    except (RosidlError, ModuleNotFoundError, OSError) as error:
+        texts = _texts_of(error)
+        if texts is None:
             raise
-        report(str(message))
+        from rosidl_py_gen.command_support import report
+
+        for text in texts:
+            report(text)
         sys.exit(1)
-    except OSError as error:
-        report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))
-        sys.exit(1)
+
+
+def _texts_of(error: RosidlError | ModuleNotFoundError | OSError) -> list[str] | None:
+    """Return the texts that a command prints for an error; None for a missing module that belongs to no extra."""
+    match error:
+        case DefinitionError():
+            return [one.with_caret() for one in error.diagnostics]
+        case RosidlError():
+            return [str(error)]
+        case ModuleNotFoundError():
+            message = Extra.missing_error(error)
+            return None if message is None else [str(message)]
+    return [f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error)]
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
