@@ -13,7 +13,7 @@ import threading
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.command_support.errors import CommandError
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime import Context
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr import Message, TypeInfo
-from rosidl_py_gen.command_support import CommandError
+from rosidl_py_gen.command_support.errors import CommandError
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.type_loading import load_compiler
 
@@ -80,11 +80,6 @@ async def interface_class(
     if types and kind != "topic":
         raise CommandError(f"{kind} {name} has type {', '.join(types)}, not {wanted}")
     return get(wanted, path=paths)
-
-
-def installed_class(kind: str, type_name: str, paths: Sequence[str]) -> Any:
-    """Return the class of a topic's messages, of a service or of an action by its type, without asking nodes."""
-    return _KINDS[kind][1](type_name, path=paths)
 
 
 def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:

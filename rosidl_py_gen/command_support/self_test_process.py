@@ -15,14 +15,8 @@ _MAX_LIFETIME_S = 60
 """Maximum lifetime of the second process in seconds, which ends it if the command ``doctor`` was killed."""
 
 
-def topics(test_id: str) -> tuple[str, str]:
-    """Return the names of the hidden topics to and from the second process of the self-test."""
-    return f"/_rosidl_py_doctor/{test_id}/there", f"/_rosidl_py_doctor/{test_id}/back"
-
-
-async def main(domain_id: int, discovery: str, test_id: str) -> None:
-    """Publish each received message on the topic back to ``doctor``, until this process is ended."""
-    there, back = topics(test_id)
+async def main(domain_id: int, discovery: str, there: str, back: str) -> None:
+    """Publish each received message of the topic `there` on the topic `back`, until this process is ended."""
     async with CommandNode(NetworkOptions(domain_id=domain_id, discovery=discovery)) as command_node:
         out, messages = (
             command_node.node.create_publisher(Time, back),
@@ -33,7 +27,7 @@ async def main(domain_id: int, discovery: str, test_id: str) -> None:
             out.publish(message)
 
 
-def start(domain_id: str, discovery: str, test_id: str) -> None:
+def run_self_test_peer(domain_id: str, discovery: str, there: str, back: str) -> None:
     """Run the second process of the self-test with the arguments of its command line."""
     # SIGTERM ends `run` in order; peers would wait for acknowledgements of a killed process.
-    run(asyncio.wait_for(main(int(domain_id), discovery, test_id), _MAX_LIFETIME_S))
+    run(asyncio.wait_for(main(int(domain_id), discovery, there, back), _MAX_LIFETIME_S))

@@ -14,8 +14,7 @@ from urllib.parse import quote
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import stamp_ns
-from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of
+from rosidl_py_gen.command_support import CommandNode, NetworkOptions, first_of, terminal_output
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.foxglove.protocol import Graph
 from rosidl_py_gen.foxglove.server import FoxgloveOptions, Handlers, Server

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.cdr.type_queries import referenced_classes
-from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
+from rosidl_py_gen.command_support import CommandError, interface_class, terminal_output
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
@@ -26,7 +26,7 @@ from rosidl_py_gen.type_loading import definition_text
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.foxglove.server import Server
     from rosidl_py_gen.runtime import Client, ParameterClient
 
@@ -65,9 +65,7 @@ class ServiceBridge:
         try:
             RosName.parse(type_name, "srv")
             async with self._tasks.limiter:
-                cls: Any = await graph_lookup.interface_class(
-                    self._command_node, "service", name, type_name, self._paths
-                )
+                cls: Any = await interface_class(self._command_node, "service", name, type_name, self._paths)
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
             return  # belongs to an action

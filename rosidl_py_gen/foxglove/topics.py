@@ -20,7 +20,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen import Message, compile_definition, encode, get_message, type_hash
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
+from rosidl_py_gen.command_support import (
+    CommandError,
+    interface_class,
+    opaque_class,
+    opaque_message_class,
+    terminal_output,
+)
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.foxglove import limits
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
@@ -31,7 +37,7 @@ from rosidl_py_gen.type_loading import definition_text
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.foxglove.protocol import ClientAdvertisement
     from rosidl_py_gen.foxglove.server import AdvertisedChannel, ClientChannelKey, Server
     from rosidl_py_gen.runtime import Publisher, TopicEndpointInfo
@@ -116,9 +122,9 @@ class TopicBridge:
 
     async def _definition(self, key: _Key) -> tuple[str, type[Message] | None]:
         try:
-            cls = await graph_lookup.interface_class(self._command_node, "topic", key.topic, key.type_name, self._paths)
+            cls = await interface_class(self._command_node, "topic", key.topic, key.type_name, self._paths)
             text = await asyncio.to_thread(definition_text, cls)
-            return text, graph_lookup.opaque_message_class(key.type_name, type_hash(cls))
+            return text, opaque_message_class(key.type_name, type_hash(cls))
         except RosidlError as error:
             terminal_output.note(
                 f"{key.topic}: viewers cannot decode it, because the definition of {key.type_name} is unknown: {error}"
@@ -151,7 +157,7 @@ class TopicBridge:
 
     def _subscribe(self, key: _Key, entry: _WatchedTopic) -> AdaptiveSubscription[bytes]:
         send, now_ns = entry.channel.send, self._now_ns
-        cls = entry.cls or graph_lookup.opaque_class(self._command_node, key.topic, key.type_name)
+        cls = entry.cls or opaque_class(self._command_node, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:
@@ -249,7 +255,7 @@ class ClientPublishing:
                     return await self._compiling.run(self._compiled_class, name, offer.schema)
                 if not await self._command_node.wait_for(lambda: self._has_type(topic, name)):
                     raise
-        cls: type[Message] = await graph_lookup.interface_class(self._command_node, "topic", topic, name, self._paths)
+        cls: type[Message] = await interface_class(self._command_node, "topic", topic, name, self._paths)
         return cls
 
     def _has_type(self, topic: str, name: str) -> bool:

@@ -77,7 +77,7 @@ _BREAKS = "\"'@><=;|&(:"
 _UNSAFE = re.compile(r"[^\w@%+=:,./-]", re.ASCII)
 
 
-def install(is_process: bool = False) -> None:
+def install_completion(is_process: bool = False) -> None:
     """Register the completion classes of this module for bash, zsh and fish in click.
 
     Args:
@@ -89,9 +89,9 @@ def install(is_process: bool = False) -> None:
         add_completion_class(cls)
 
 
-def script(shell: str, command: click.Command, program: str) -> str:
+def completion_script(shell: str, command: click.Command, program: str) -> str:
     """Return the completion script of `program` for bash, zsh or fish."""
-    install()
+    install_completion()
     maker = get_completion_class(shell)
     assert maker is not None
     return maker(command, {}, program, completion_variable(program)).source()

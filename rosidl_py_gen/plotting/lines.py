@@ -17,8 +17,7 @@ import numpy as np
 from rosidl_py_gen.base.field_columns import Column, FieldPathError
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.command_support.graph_lookup import require_stamp
+from rosidl_py_gen.command_support import CommandError, require_stamp, terminal_output
 
 Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
 BUCKETS = 2000

@@ -323,7 +323,7 @@ def is_launch_file(word: str) -> bool:
     return False
 
 
-def start(
+def start_launch(
     words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str], settings: Mapping[str, Any]
 ) -> Callable[[], None]:
     """Prepare a launch: build a prefix of the workspaces, set environment variables, and install the import hook.

@@ -31,12 +31,11 @@ from rosidl_py_gen.base.terminal_text import print_next_step
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.compiler.frontend import SearchPath, Workspace
 from rosidl_py_gen.errors import DefinitionError, OutputError, display_path
-from rosidl_py_gen.generator_cli.git_revision import clone_origin
+from rosidl_py_gen.generator_cli import clone_origin
 from rosidl_py_gen.prefix.environment import SITE_PACKAGES
 from rosidl_py_gen.prefix.launch_packages import LAUNCH_PACKAGES, MESSAGES, REPOSITORIES, repository_of
 from rosidl_py_gen.prefix.package_plan import PROGRAM, PackagePlan
-from rosidl_py_gen.wheels.build import read_manifest
-from rosidl_py_gen.wheels.environment import Installer
+from rosidl_py_gen.wheels import Installer, PackageManifest
 
 ARCHIVE = "https://github.com/{repository}/archive/refs/heads/{branch}.zip"
 """Address of the archive of a repository's branch. git writes the hash of the commit as comment of the archive."""
@@ -92,7 +91,7 @@ class _PackageSource:
     origin: Origin
 
 
-def install(names: Sequence[str], clones: Sequence[str]) -> None:
+def install_ros_packages(names: Sequence[str], clones: Sequence[str]) -> None:
     """Install Python packages of ROS into this Python environment, and print the origin of each.
 
     Args:
@@ -273,7 +272,7 @@ def _extract(archive: ZipFile, names: Sequence[str], folder: Path, address: str)
 
 def _build(source: _PackageSource, out: Path) -> tuple[Path, Origin]:
     """Build the wheel of a package from the files that a build would install; return its path and the origin."""
-    name, manifest = source.origin.name, read_manifest(source.folder)
+    name, manifest = source.origin.name, PackageManifest.read(source.folder)
     origin = replace(source.origin, version=manifest.version)
     plan = PackagePlan(name, source.folder)
     if texts := (*plan.problems, *plan.notes):

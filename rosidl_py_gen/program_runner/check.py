@@ -29,8 +29,7 @@ from rosidl_py_gen.base.package_repositories import MessagePackage
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.prefix.environment import Executable
-from rosidl_py_gen.prefix.launch_packages import install_note
+from rosidl_py_gen.prefix import Executable, install_note
 
 
 @dataclass
@@ -144,7 +143,7 @@ class _OwnModules:
         if os.name == "nt":
             return {}
         # Slow to import, and rarely needed.
-        from rosidl_py_gen.prefix.package_plan import PackagePlan
+        from rosidl_py_gen.prefix import PackagePlan
 
         found: dict[str, Path] = {}
         for package, folder in self._packages().items():

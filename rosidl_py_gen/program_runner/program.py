@@ -23,8 +23,7 @@ from typing import Any
 
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.command_support import CommandError, report
-from rosidl_py_gen.prefix.environment import Executable
-from rosidl_py_gen.prefix.launch_packages import install_note
+from rosidl_py_gen.prefix import Executable, install_note
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.type_loading import RCLPY_COMPAT_DIR, found_packages
 

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.prefix.environment import Executable, make_importable, workspaces
-from rosidl_py_gen.prefix.program_environment import set_environment
+from rosidl_py_gen.prefix import Executable, make_importable, set_environment, workspaces
 from rosidl_py_gen.program_runner.program import start as start_program
 from rosidl_py_gen.type_loading import workspace_packages
 
@@ -90,7 +89,7 @@ def _packages(paths: Sequence[str], place: Path) -> dict[str, Path]:
 def _executable_program(
     package: str, words: Sequence[str], paths: Sequence[str], runs_setup: bool
 ) -> tuple[Executable, Sequence[str]]:
-    from rosidl_py_gen.prefix.executables import find_executables
+    from rosidl_py_gen.prefix import find_executables
 
     found = workspaces(paths)
     by_name, places = find_executables(package, found, runs_setup=runs_setup)
@@ -117,7 +116,7 @@ def _executable_program(
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print the executables of a package, or of all packages, as `ros2 pkg executables` does; returns 0."""
-    from rosidl_py_gen.prefix.executables import find_executables
+    from rosidl_py_gen.prefix import find_executables
 
     found = workspaces(paths)
     packages = words or sorted({name for workspace in found for name in workspace_packages(workspace)})

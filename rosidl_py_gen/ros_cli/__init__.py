@@ -78,9 +78,9 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
     def run(**arguments: Any) -> None:
         context: AbstractContextManager[None] = nullcontext()
         if "network" in arguments and arguments.get("bag") is None:
-            context = import_module("rosidl_py_gen.command_support.command_node").context_opened_early(
-                arguments["network"]
-            )
+            from rosidl_py_gen.command_support import context_opened_early
+
+            context = context_opened_early(arguments["network"])
         try:
             with context:
                 result = function(**arguments)
@@ -123,7 +123,9 @@ def main(arguments: list[str] | None = None) -> None:
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
     is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:
-        import_module("rosidl_py_gen.generator_cli.shells").install(is_process=arguments is None)
+        from rosidl_py_gen.generator_cli import install_completion
+
+        install_completion(is_process=arguments is None)
     if not is_run:
         _configure_process(arguments is None)
     elif arguments is None:
@@ -172,7 +174,7 @@ def exit_on_error() -> Iterator[None]:
     try:
         yield
     except click_module().ClickException as error:
-        from rosidl_py_gen.generator_cli.command_line import HintedUsageError
+        from rosidl_py_gen.generator_cli import HintedUsageError
 
         click_module().echo(printable_lines(HintedUsageError.text_of(error)), err=True)
         sys.exit(error.exit_code)

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus, Node
 
 
 def _actions(node: Node) -> list[dict[str, Any]]:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
 
     return [{"name": name, "types": types} for name, types in CommandNode.actions(node.get_topic_names_and_types())]
 
@@ -66,7 +66,7 @@ def _nodes_with(action: str, node: Node, topics_of: Callable[[str, str], Any]) -
 
     The function `topics_of(name, namespace)` returns the topics of a node.
     """
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
 
     return [
         {"node": one.fully_qualified_name, "types": types}
@@ -104,15 +104,15 @@ async def send_goal(
     rosidl-py action send_goal /fibonacci '{order: 5}' --feedback
     rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
     """
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class, preload_while_waiting
     from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     type_name, text = message_text.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     show.say("Waiting for an action server to become available...")
-    name = await graph_lookup.preload_while_waiting(command_node.find("action", action, timeout_s))
-    cls: Any = await graph_lookup.interface_class(command_node, "action", name, type_name, paths)
+    name = await preload_while_waiting(command_node.find("action", action, timeout_s))
+    cls: Any = await interface_class(command_node, "action", name, type_name, paths)
     goal = message_text.message_from(cls.Goal, text)
     client = command_node.node.create_action_client(cls, name)
     try:

@@ -17,14 +17,14 @@ from click.shell_completion import CompletionItem
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.generator_cli import shells
+from rosidl_py_gen.generator_cli import completion_script, found_items
 from rosidl_py_gen.ros_cli import root, verb
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Sequence
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
 
 
 T = TypeVar("T")
@@ -115,7 +115,7 @@ def complete_enclaves(context: click.Context, incomplete: str) -> list[Completio
 def _items(find: Callable[[], Iterable[str]], incomplete: str) -> list[CompletionItem]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return shells.found_items(find, incomplete)
+        return found_items(find, incomplete)
 
 
 def _names(what: str, context: click.Context) -> list[str]:
@@ -125,7 +125,7 @@ def _names(what: str, context: click.Context) -> list[str]:
 
         return known_names(_KINDS[what], paths)
     if what in ("workspace packages", "launch files"):
-        from rosidl_py_gen.prefix.environment import workspaces
+        from rosidl_py_gen.prefix import workspaces
 
         folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
         if what == "workspace packages":
@@ -141,7 +141,7 @@ def _query(context: click.Context, request: Callable[[CommandNode], Awaitable[T]
     """Create a command node, wait for discovery, call `request` with the node, and return its result."""
     import asyncio
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
 
     async def main() -> T:
         async with CommandNode(context.params.get("network", {})) as command_node:
@@ -199,17 +199,19 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     """
     import asyncio
 
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen import get_action, get_message, get_service
+    from rosidl_py_gen.command_support import interface_class
 
     type_name = type_name or context.params.get("type_name")
     paths = context.params.get("paths") or ()
     if type_name:
         with suppress(RosidlError):
-            return graph_lookup.installed_class(kind, type_name, paths)
+            installed = {"topic": get_message, "service": get_service, "action": get_action}
+            return installed[kind](type_name, path=paths)
 
     async def request(command_node: CommandNode) -> Any:
         name = command_node.full_name(context.params[kind], kind)
-        resolving = graph_lookup.interface_class(command_node, kind, name, type_name, paths)
+        resolving = interface_class(command_node, kind, name, type_name, paths)
         return await asyncio.wait_for(resolving, _timeout_s(context))
 
     return _query(context, request)
@@ -243,4 +245,4 @@ def completion(shell: str) -> None:
     eval "$(rosidl-py completion bash)"          # in ~/.bashrc; zsh: the same in ~/.zshrc
     rosidl-py completion fish > ~/.config/fish/completions/rosidl-py.fish
     """
-    click.echo(shells.script(shell, root(), "rosidl-py"))
+    click.echo(completion_script(shell, root(), "rosidl-py"))

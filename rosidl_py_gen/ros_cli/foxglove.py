@@ -9,7 +9,7 @@ import click
 from rosidl_py_gen.ros_cli import AsyncCommand, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.command_support.command_node import NetworkOptions
+    from rosidl_py_gen.command_support import NetworkOptions
 
 
 @click.command("foxglove")

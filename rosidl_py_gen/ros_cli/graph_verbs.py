@@ -13,7 +13,7 @@ from rosidl_py_gen.ros_cli import options
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import Node
 
     Option = Callable[[Any], Any]

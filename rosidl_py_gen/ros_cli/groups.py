@@ -196,7 +196,7 @@ class LazyGroup(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and args[0] not in self._table:
             from rosidl_py_gen.base.names import did_you_mean
-            from rosidl_py_gen.generator_cli.command_line import HintedUsageError
+            from rosidl_py_gen.generator_cli import HintedUsageError
 
             if ctx.parent is None and args[0] in _HINTS:
                 raise HintedUsageError(f'no command "{args[0]}"', _HINTS[args[0]], ctx)

@@ -50,13 +50,13 @@ def launch(
     if installs:
         if paths or any(value for name, value in settings.items() if name != "missing"):
             raise click.UsageError("--install takes names of packages, --launch-from and --distro; no other options")
-        from rosidl_py_gen.prefix.launch_install import install
+        from rosidl_py_gen.prefix import install_ros_packages
 
-        install(words, checkouts)
+        install_ros_packages(words, checkouts)
         return None
     if not words:
         raise click.UsageError(f"expected {_WORDS}, or --install")
-    from rosidl_py_gen.prefix.launch_files import is_launch_file, start
+    from rosidl_py_gen.prefix import is_launch_file, start_launch
 
     if settings["show_args"] and settings["print"]:
         raise click.UsageError("--show-args and --print-description exclude each other")
@@ -66,4 +66,4 @@ def launch(
         name, mark, _ = word.partition(":=")
         if not (name and mark):
             raise click.UsageError(f'expected NAME:=VALUE, found "{word}"')
-    return exit_on_error()(start(words, paths, checkouts, settings))
+    return exit_on_error()(start_launch(words, paths, checkouts, settings))

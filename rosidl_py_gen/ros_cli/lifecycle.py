@@ -13,7 +13,7 @@ from rosidl_py_gen.ros_cli import options
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
     from rosidl_py_gen.runtime import Node
 

@@ -17,7 +17,7 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import AsyncCommand, options, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription, QoSProfile
 
 _TOPIC = "/rosout"
@@ -88,7 +88,7 @@ def _print_recorded(path: str, printer: LogPrinter) -> None:
 
 async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new: bool) -> None:
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
     async with CommandNode(network) as command_node:
@@ -123,7 +123,7 @@ def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
 
 
 async def _retained(messages: AdaptiveSubscription[Any]) -> list[Any]:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     received = []

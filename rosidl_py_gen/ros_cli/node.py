@@ -10,7 +10,7 @@ from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
 
 
 @click.command("list")

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from rosidl_py_gen.command_support import CommandError
-from rosidl_py_gen.generator_cli.command_line import distro, lazy_completion
+from rosidl_py_gen.generator_cli import distro, lazy_completion
 from rosidl_py_gen.ros_cli import AsyncCommand, verb
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from rosidl_py_gen.command_support.command_node import NetworkOptions as NetworkOptions
+    from rosidl_py_gen.command_support import NetworkOptions as NetworkOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -73,7 +73,7 @@ _path = click.option(
     "paths",
     multiple=True,
     metavar="DIR",
-    shell_complete=lazy_completion("rosidl_py_gen.generator_cli.shells", "complete_directories"),
+    shell_complete=lazy_completion("rosidl_py_gen.generator_cli", "complete_directories"),
     callback=_with_project_path,
     help="Folder with interface packages; searched before the folders of pyproject.toml, AMENT_PREFIX_PATH, installed "
     "and bundled packages. May be repeated.",
@@ -233,7 +233,7 @@ def endless_node_verb(
         @wraps(function)
         def run(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
             async def main() -> int | None:
-                from rosidl_py_gen.command_support.command_node import CommandNode
+                from rosidl_py_gen.command_support import CommandNode
 
                 async with CommandNode(network) as command_node:
                     return await function(command_node=command_node, **arguments)

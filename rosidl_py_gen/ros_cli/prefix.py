@@ -6,7 +6,7 @@ import click
 
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
 from rosidl_py_gen.command_support import terminal_output
-from rosidl_py_gen.generator_cli.command_line import distro
+from rosidl_py_gen.generator_cli import distro
 from rosidl_py_gen.ros_cli import options, verb
 
 
@@ -33,7 +33,7 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
     from shlex import quote
 
     from rosidl_py_gen.errors import display_path
-    from rosidl_py_gen.prefix.build import build_prefix
+    from rosidl_py_gen.prefix import build_prefix
 
     made = build_prefix(map(Path, sources) if sources else None, Path(out))
     if made.unsafe:

@@ -80,8 +80,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     rosidl-py test my_package -k talker -x
     """
     from rosidl_py_gen.base.names import did_you_mean
-    from rosidl_py_gen.prefix.build import build_prefix
-    from rosidl_py_gen.prefix.environment import workspaces
+    from rosidl_py_gen.prefix import build_prefix, workspaces
 
     if find_spec("pytest") is None:
         raise CommandError("pytest is not installed: pip install pytest")

@@ -16,7 +16,7 @@ from rosidl_py_gen.ros_cli import options, verb
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import Node, NodeInfo
     from rosidl_py_gen.security import Keystore, PolicyEnclave, SecurityPolicy
 

@@ -13,7 +13,7 @@ from rosidl_py_gen.ros_cli.graph_verbs import find_verb, list_verb, type_verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import Node, TopicEndpointInfo
 
 _ENDPOINTS_TIMEOUT_S = 1.0
@@ -123,12 +123,12 @@ async def call(
     import asyncio
 
     from rosidl_py_gen import to_dict
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class, preload_while_waiting
     from rosidl_py_gen.ros_cli import message_text
 
     type_name, text = message_text.type_and_values(words, stdin=stdin)
-    name = await graph_lookup.preload_while_waiting(command_node.find("service", service, timeout_s))
-    cls: Any = await graph_lookup.interface_class(command_node, "service", name, type_name, paths)
+    name = await preload_while_waiting(command_node.find("service", service, timeout_s))
+    cls: Any = await interface_class(command_node, "service", name, type_name, paths)
     request = message_text.message_from(cls.Request, text)
     client = command_node.node.create_client(cls, name)
     truncate = None if full_length else message_text.TRUNCATE
@@ -171,13 +171,13 @@ async def echo(
     \b
     rosidl-py service echo /add_two_ints
     """
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class, preload_while_waiting
     from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 
-    name = await graph_lookup.preload_while_waiting(command_node.find("service", service))
-    cls: Any = await graph_lookup.interface_class(command_node, "service", name, type_name, paths)
+    name = await preload_while_waiting(command_node.find("service", service))
+    cls: Any = await interface_class(command_node, "service", name, type_name, paths)
     events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
     try:
         await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)

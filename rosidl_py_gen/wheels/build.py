@@ -67,7 +67,7 @@ def with_bundled(search: SearchPath, names: list[str]) -> SearchPath:
     return replace(search, packages=packages)
 
 
-def build(search: SearchPath, wanted: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
+def build_wheels(search: SearchPath, wanted: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
     """Write the wheels of packages, and of their dependencies that are not installed as wheels, into a folder.
 
     Args:
@@ -111,7 +111,7 @@ def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[
 
 
 def _declared(search: SearchPath, name: str) -> set[str]:
-    return set(read_manifest(search.packages[name].folder).depends) & search.packages.keys()
+    return set(PackageManifest.read(search.packages[name].folder).depends) & search.packages.keys()
 
 
 def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
@@ -128,10 +128,10 @@ def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], d
 
 def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str], out: Path) -> BuiltWheel:
     """Build the wheel of a package in the folder `out`, replacing an older wheel of the same file name."""
-    manifest = read_manifest(package.folder)
+    manifest = PackageManifest.read(package.folder)
     requires = [_compatible_versions(__version__)]
     for used in sorted(uses | _declared(search, package.name)):
-        version = read_manifest(search.packages[used].folder).version
+        version = PackageManifest.read(search.packages[used].folder).version
         requires.append(f"{used.replace('_', '-')}=={version}")
     contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
     contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
@@ -205,6 +205,35 @@ class PackageManifest:
     urls: tuple[tuple[str, str], ...]
     depends: tuple[str, ...]
 
+    @classmethod
+    def read(cls, folder: Path) -> PackageManifest:
+        """Read the package.xml in a folder.
+
+        Raises `DefinitionError` if it is missing or invalid, or if its version is not valid for pip.
+        """
+        path = folder / "package.xml"
+        if not path.exists():
+            raise DefinitionError(
+                Diagnostic(str(path), 0, 0, "there is no such file; a wheel needs its name and version")
+            )
+        root = XmlElement.read(str(path))
+        elements = [*root.elements]
+
+        def texts(*tags: str) -> list[str]:
+            return [_line(one.text) for tag in tags for one in elements if one.tag == tag]
+
+        version = next(iter(texts("version")), "")
+        if not _VERSION.fullmatch(version):
+            raise root.error(f'the version is "{version[:80]}"; pip needs one such as 1.2.3')
+        return cls(
+            version,
+            next(iter(texts("description")), ""),
+            " AND ".join(texts("license")),
+            tuple(_person(one) for one in elements if one.tag == "maintainer"),
+            tuple((one.attributes.get("type") or "website", _line(one.text)) for one in elements if one.tag == "url"),
+            tuple(texts("depend", "build_depend", "exec_depend", "build_export_depend")),
+        )
+
     def write_wheel(
         self,
         out: Path,
@@ -234,33 +263,6 @@ class PackageManifest:
         for one in self.maintainers[:1]:
             metadata["maintainer_email" if "<" in one else "maintainer"] = one
         return write_wheel(out, module, files, metadata, entry_points, data, programs)
-
-
-def read_manifest(folder: Path) -> PackageManifest:
-    """Read the package.xml in a folder.
-
-    Raises `DefinitionError` if it is missing or invalid, or if its version is not valid for pip.
-    """
-    path = folder / "package.xml"
-    if not path.exists():
-        raise DefinitionError(Diagnostic(str(path), 0, 0, "there is no such file; a wheel needs its name and version"))
-    root = XmlElement.read(str(path))
-    elements = [*root.elements]
-
-    def texts(*tags: str) -> list[str]:
-        return [_line(one.text) for tag in tags for one in elements if one.tag == tag]
-
-    version = next(iter(texts("version")), "")
-    if not _VERSION.fullmatch(version):
-        raise root.error(f'the version is "{version[:80]}"; pip needs one such as 1.2.3')
-    return PackageManifest(
-        version,
-        next(iter(texts("description")), ""),
-        " AND ".join(texts("license")),
-        tuple(_person(one) for one in elements if one.tag == "maintainer"),
-        tuple((one.attributes.get("type") or "website", _line(one.text)) for one in elements if one.tag == "url"),
-        tuple(texts("depend", "build_depend", "exec_depend", "build_export_depend")),
-    )
 
 
 def _line(text: str) -> str:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import GeneratedCode, InstalledInterfaces
 from rosidl_py_gen.errors import OutputError
-from rosidl_py_gen.wheels.build import build, with_bundled
+from rosidl_py_gen.wheels.build import build_wheels, with_bundled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -163,7 +163,7 @@ class Installer:
         installer = cls.of_environment()
         search = with_bundled(search, wanted)
         with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
-            built = build(search, wanted or [*search.packages], Path(folder))
+            built = build_wheels(search, wanted or [*search.packages], Path(folder))
             if not force:
                 _check_no_conflict([one.path.name.split("-")[0] for one in built])
             installer.install(*(one.path for one in built))

@@ -36,7 +36,7 @@ _INIT = '''"""C library of Cyclone DDS, taken from the wheel of cyclonedds {vers
 
 @dataclass(frozen=True, slots=True)
 class InstalledLibrary:
-    """C library of Cyclone DDS that `install` has installed.
+    """C library of Cyclone DDS that has been installed into this environment.
 
     Attributes:
         version: version of Cyclone DDS.
@@ -53,28 +53,34 @@ class InstalledLibrary:
         """Text about the installed library: version, wheel and path, in one line."""
         return f"installed libddsc {self.version}, from {self.wheel}: {self.path}"
 
+    @classmethod
+    def install(cls, file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
+        """Install libddsc into this environment: from `file`, a wheel of cyclonedds, or else from the package index.
 
-def needs_library() -> bool:
-    """Return True if libddsc is missing, cyclonedds has no wheel for this Python, and `install` knows another wheel."""
-    return not library.has_wheel() and library.library_wheel() is not None and not library.is_found()
+        Raises:
+            OutputError: no wheel is recorded for this platform, the wheel has another SHA-256 than recorded, the
+                package index cannot be reached, pip and uv are missing, or the library does not load.
+        """
+        wheel = library.library_wheel()
+        if wheel is None:
+            raise OutputError(
+                f"libddsc: no wheel of cyclonedds is recorded for this platform; {library.install_advice()}"
+            )
+        installer = Installer.of_environment()
+        with TemporaryDirectory(prefix="rosidl-py-gen-libddsc-") as folder:
+            content, terms = fetch(wheel, Path(folder)) if file is None else read(wheel, Path(file))
+            built = build(wheel, content, terms, Path(folder))
+            installer.install(built)
+        return cls(wheel.VERSION, wheel.file, _check(wheel))
 
+    @classmethod
+    def install_missing(cls) -> InstalledLibrary | None:
+        """Install libddsc if it is missing, cyclonedds has no wheel for this Python, and another wheel is known.
 
-def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
-    """Install libddsc into this environment: from `file`, a wheel of cyclonedds, or else from the package index.
-
-    Raises:
-        OutputError: no wheel is recorded for this platform, the wheel has another SHA-256 than recorded, the package
-            index cannot be reached, pip and uv are missing, or the library does not load.
-    """
-    wheel = library.library_wheel()
-    if wheel is None:
-        raise OutputError(f"libddsc: no wheel of cyclonedds is recorded for this platform; {library.install_advice()}")
-    installer = Installer.of_environment()
-    with TemporaryDirectory(prefix="rosidl-py-gen-libddsc-") as folder:
-        content, terms = fetch(wheel, Path(folder)) if file is None else read(wheel, Path(file))
-        built = build(wheel, content, terms, Path(folder))
-        installer.install(built)
-    return InstalledLibrary(wheel.VERSION, wheel.file, _check(wheel))
+        Returns None if nothing was installed. Raises `OutputError` as `install` does.
+        """
+        is_needed = not library.has_wheel() and library.library_wheel() is not None and not library.is_found()
+        return cls.install() if is_needed else None
 
 
 def fetch(wheel: library.LibraryWheel, folder: Path) -> tuple[bytes, bytes]:

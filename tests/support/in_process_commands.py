@@ -10,8 +10,9 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import ros_cli
-from rosidl_py_gen.command_support import command_node
+from rosidl_py_gen import command_support, ros_cli
+from rosidl_py_gen.command_support import NetworkOptions
+from rosidl_py_gen.command_support.command_node import ANNOUNCE_DELAY_S
 from rosidl_py_gen.runtime import Context
 
 if TYPE_CHECKING:
@@ -113,9 +114,9 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     """Start a command in a world of memory."""
 
     @contextmanager
-    def listening(network: command_node.NetworkOptions) -> Iterator[None]:
+    def listening(network: NetworkOptions) -> Iterator[None]:
         try:
-            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": command_node.ANNOUNCE_DELAY_S}
+            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": ANNOUNCE_DELAY_S}
             context = Context(network.get("domain_id"), args=[], transport=world.transport, **options)
             network["context"] = context
             world.contexts.append(context)
@@ -135,7 +136,7 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     def parse() -> tuple[ros_cli.AsyncCommand | None, int]:
         _HERE.set(streams)
         with patch.context() as patched:
-            patched.setattr(command_node, "context_opened_early", listening)
+            patched.setattr(command_support, "context_opened_early", listening)
             patched.setattr(ros_cli, "run_async_command", capture)
             try:
                 ros_cli.main([*arguments])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractAsyncContextManager
 
-    from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.command_support import CommandNode, NetworkOptions
     from rosidl_py_gen.ros_cli.demo.simulation import Schedule, World
     from rosidl_py_gen.runtime import Node
 
@@ -110,8 +110,7 @@ def demo(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
 
 
 async def _run(network: NetworkOptions, given: DemoOptions) -> None:
-    from rosidl_py_gen.command_support import terminal_output
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode, terminal_output
     from rosidl_py_gen.ros_cli.demo.simulation import Schedule, World
 
     base = f"/{given.namespace.strip('/')}".rstrip("/")

@@ -20,7 +20,7 @@ from rosidl_py_gen.ros_cli import options, verb
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
 
 OK, NOTE, WARNING, BROKEN = "ok", "note", "warning", "error"
 
@@ -159,7 +159,7 @@ def _network(network: options.NetworkOptions) -> list[Finding]:
 
 
 async def _peers(network: options.NetworkOptions) -> list[Finding]:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.ros_cli.doctor.machine import uses_zenoh
 
     try:

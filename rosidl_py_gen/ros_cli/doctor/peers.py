@@ -16,8 +16,7 @@ from itertools import chain, islice
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.command_support import self_test_process
-from rosidl_py_gen.command_support.command_node import CommandNode
+from rosidl_py_gen.command_support import CommandNode
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.ros_cli.doctor import BROKEN, NOTE, OK, WARNING, Finding
@@ -50,6 +49,7 @@ _REPLY_TIMEOUT_S = 10.0
 _END_TIMEOUT_S = 2.0
 _MAX_NAMES = 20
 _MAX_MISMATCHES = 20
+_SECOND_PROCESS = "from rosidl_py_gen.command_support import run_self_test_peer; run_self_test_peer(*sys.argv[1:])"
 
 
 # ----------------------------------------------------------------------------------------------------------- self-test
@@ -69,11 +69,11 @@ class SelfTest:
 
     def __init__(self, command_node: CommandNode) -> None:
         self._command_node = command_node
-        self._test_id = f"p{os.getpid()}"
+        hidden = f"/_rosidl_py_doctor/p{os.getpid()}"
+        self._topics = f"{hidden}/there", f"{hidden}/back"
         settings = command_node.context.settings
-        arguments = (str(settings.domain_id), settings.discovery_range.value, self._test_id)
         self._process = subprocess.Popen(
-            _python_command(f"from {self_test_process.__name__} import start; start(*sys.argv[1:])", *arguments),
+            _python_command(_SECOND_PROCESS, str(settings.domain_id), settings.discovery_range.value, *self._topics),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -83,7 +83,7 @@ class SelfTest:
 
     async def result(self) -> Finding:
         """Run the self-test and return its finding: the second process was found and sent a message back, or not."""
-        there, back = self_test_process.topics(self._test_id)
+        there, back = self._topics
         node = self._command_node.node
         try:
             out, replies = node.create_publisher(Time, there), node.create_subscription(Time, back)

@@ -17,8 +17,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp, stamp_ns
 from rosidl_py_gen.base.terminal_text import pluralize
-from rosidl_py_gen.command_support import CommandError, terminal_output
-from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of
+from rosidl_py_gen.command_support import CommandError, CommandNode, NetworkOptions, first_of, terminal_output
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand
 from rosidl_py_gen.ros_cli.bag.player_recorder import read_keys, read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.reading import BagSelection, duration_text, opened_bag, start_of, time_text

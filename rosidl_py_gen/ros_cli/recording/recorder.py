@@ -18,8 +18,16 @@ from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic, OfferedQoS, topic_of
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
-from rosidl_py_gen.command_support import CommandError, graph_lookup, terminal_output
-from rosidl_py_gen.command_support.command_node import CommandNode, NetworkOptions, first_of
+from rosidl_py_gen.command_support import (
+    CommandError,
+    CommandNode,
+    NetworkOptions,
+    first_of,
+    interface_class,
+    opaque_class,
+    opaque_message_class,
+    terminal_output,
+)
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import AsyncCommand
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
@@ -257,7 +265,7 @@ class Recorder:
     async def _record(self, topic: str, kind: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = [one.qos_profile for one in publishers if one.topic_type == kind]
-        cls = graph_lookup.opaque_class(self._command_node, topic, kind)
+        cls = opaque_class(self._command_node, topic, kind)
         try:
             following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
                 self._node,
@@ -278,7 +286,7 @@ class Recorder:
             bag_topic = await self._bag_topic(topic, kind, offered)
             self._writer.add_topic(bag_topic)
             if bag_topic.type_hash and not type_hash(cls):
-                messages.set_definition(graph_lookup.opaque_message_class(kind, bag_topic.type_hash))
+                messages.set_definition(opaque_message_class(kind, bag_topic.type_hash))
             self._note(f"recording {topic} [{kind}]")
             with suppress(ClosedError):  # the node ends
                 while True:
@@ -300,7 +308,7 @@ class Recorder:
             with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
-            cls = await graph_lookup.interface_class(self._command_node, "topic", topic, kind, self._options.paths)
+            cls = await interface_class(self._command_node, "topic", topic, kind, self._options.paths)
             return await self._topic_of(topic, cls, qos)
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
@@ -315,9 +323,7 @@ class Recorder:
             owner = owner_of(topic, type_name(cls))
             if owner.kind != "action":
                 raise
-            action = await graph_lookup.interface_class(
-                self._command_node, "action", owner.name, paths=self._options.paths
-            )
+            action = await interface_class(self._command_node, "action", owner.name, paths=self._options.paths)
             text = definition_text(action)
             if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
                 raise

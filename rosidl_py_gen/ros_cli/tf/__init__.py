@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameArrivals, FrameStatistics
     from rosidl_py_gen.tf import Transform
 
@@ -146,7 +146,7 @@ async def monitor(
         raise CommandError(f"expected two different frames, got {frames[0]} twice")
     from collections import deque
 
-    from rosidl_py_gen.command_support.command_node import first_of
+    from rosidl_py_gen.command_support import first_of
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics, listeners
 
     statistics = FrameStatistics(window)
@@ -253,7 +253,7 @@ def tree(
 async def _show_live(network: options.NetworkOptions, kind: str, output: str | None, wait_s: float) -> None:
     import asyncio
 
-    from rosidl_py_gen.command_support.command_node import CommandNode, first_of
+    from rosidl_py_gen.command_support import CommandNode, first_of
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics, listeners, names_of
 
     frames = FrameStatistics()

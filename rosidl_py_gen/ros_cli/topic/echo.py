@@ -14,7 +14,7 @@ from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.ros_cli.message_text import Style
 
 _LOST_NOTE_INTERVAL_S = 1.0
@@ -100,24 +100,24 @@ async def echo(
     not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
     any(x < 1 for x in m.ranges).
     """
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class, opaque_class, preload_while_waiting
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
     from rosidl_py_gen.ros_cli.message_text import value_printer
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
     naming = _full_name(command_node, topic, type_name, timeout_s)
-    name = await (naming if raw else graph_lookup.preload_while_waiting(naming))
+    name = await (naming if raw else preload_while_waiting(naming))
     printer = value_printer(
         style or "yaml", full_length=full_length, truncate_length=truncate_length, arrays=arrays, strings=strings
     )
     rate_limit = _RateLimit(max_rate_hz, command_node.now_s)
     cls: Any
     if raw:
-        cls = graph_lookup.opaque_class(command_node, name, type_name)
+        cls = opaque_class(command_node, name, type_name)
         show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
     else:
-        cls = await graph_lookup.interface_class(command_node, "topic", name, type_name, paths)
+        cls = await interface_class(command_node, "topic", name, type_name, paths)
         condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
         show = _message_printer(_fields(cls, fields, arrays), condition, rate_limit, printer)
     profile = requested_profile(qos, presets.SENSOR_DATA)

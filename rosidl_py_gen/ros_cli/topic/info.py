@@ -15,7 +15,7 @@ from rosidl_py_gen.ros_cli.graph_verbs import find_verb, graph_rows, type_verb
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import Node, QoSProfile, TopicEndpointInfo
 
 _hidden = click.option(

@@ -21,7 +21,7 @@ from rosidl_py_gen.ros_cli import options
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics
     from rosidl_py_gen.runtime import Subscription
 
@@ -115,8 +115,7 @@ async def _measure(
     as_json: bool,
     filter_text: str | None = None,
 ) -> None:
-    from rosidl_py_gen.command_support import graph_lookup
-    from rosidl_py_gen.command_support.command_node import first_of
+    from rosidl_py_gen.command_support import first_of, opaque_class
     from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics
     from rosidl_py_gen.runtime import qos as presets
 
@@ -126,7 +125,7 @@ async def _measure(
         cls, value = await _value_extractor(command_node, name, kind, paths, filter_text)
         raw: Any = cls is None
         subscription: Subscription[Any] = command_node.node.create_subscription(
-            cls or graph_lookup.opaque_class(command_node, name),
+            cls or opaque_class(command_node, name),
             name,
             qos=presets.SENSOR_DATA.keep_last(_DEPTH),
             raw=raw,
@@ -174,16 +173,16 @@ async def _value_extractor(
     """Return the class with which messages are decoded (None: use bytes), and a function for the value that is
     measured.
     """
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class, require_stamp
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 
     if filter_text is not None:
-        cls = await graph_lookup.interface_class(command_node, "topic", topic, paths=paths)
+        cls = await interface_class(command_node, "topic", topic, paths=paths)
         return cls, _zero_if(compile_filter(filter_text, cls))
     if kind != "delay":
         return None, len
-    cls = await graph_lookup.interface_class(command_node, "topic", topic, paths=paths)
-    graph_lookup.require_stamp(topic, cls)
+    cls = await interface_class(command_node, "topic", topic, paths=paths)
+    require_stamp(topic, cls)
     return (None, _first_stamp) if cls._TYPE.fields[0].ros_name == "header" else (cls, _stamp)
 
 

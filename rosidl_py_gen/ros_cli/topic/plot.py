@@ -14,7 +14,7 @@ from rosidl_py_gen.ros_cli import options
 from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.plotting import TopicLines
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
@@ -57,7 +57,7 @@ async def plot(
     rosidl-py topic plot /battery percentage --duration 60 --out battery.png
     """
     plot = Plot(out, in_terminal, is_wall_clock=wall_clock, by_stamp=by_stamp, last_s=last_s)
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class
     from rosidl_py_gen.runtime import AdaptiveSubscription
     from rosidl_py_gen.runtime import qos as presets
 
@@ -67,7 +67,7 @@ async def plot(
     async with AsyncExitStack() as stack:
         for topic, fields in options.topics_and_fields(words):
             name = await command_node.find("topic", topic, timeout_s)
-            cls = await graph_lookup.interface_class(command_node, "topic", name, paths=paths)
+            cls = await interface_class(command_node, "topic", name, paths=paths)
             one = plot.add_topic(name, fields)
             one.use(cls)
             lines.append(one)
@@ -88,7 +88,7 @@ async def _plot_live(
     """Receive messages and draw the plot until time or number is reached, the window is closed, or Ctrl-C."""
     import asyncio
 
-    from rosidl_py_gen.command_support.command_node import first_of
+    from rosidl_py_gen.command_support import first_of
 
     async def receive(one: TopicLines, subscription: AdaptiveSubscription[Any]) -> None:
         while times is None or plot.count < times:

@@ -15,7 +15,7 @@ from rosidl_py_gen.ros_cli.topic import qos_options, requested_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import Publisher
 
 _ACKNOWLEDGE_TIMEOUT_S = 5.0
@@ -83,7 +83,7 @@ async def pub(
     """
     import asyncio
 
-    from rosidl_py_gen.command_support import graph_lookup
+    from rosidl_py_gen.command_support import interface_class, preload_while_waiting
     from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
@@ -91,10 +91,10 @@ async def pub(
     type_name, text = message_text.type_and_values(words)
     max_count = 1 if once else times
     if type_name is None:
-        name = await graph_lookup.preload_while_waiting(command_node.find("topic", topic, timeout_s))
+        name = await preload_while_waiting(command_node.find("topic", topic, timeout_s))
     else:
         name = command_node.full_name(topic)
-    cls = await graph_lookup.interface_class(command_node, "topic", name, type_name, paths)
+    cls = await interface_class(command_node, "topic", name, type_name, paths)
     # Before the wait for subscriptions, so that errors in the text are reported at once.
     template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
     profile = requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
@@ -123,7 +123,7 @@ async def pub(
 
 
 async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
-    from rosidl_py_gen.command_support.command_node import CommandNode
+    from rosidl_py_gen.command_support import CommandNode
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     start_s = CommandNode.now_s()

@@ -25,11 +25,11 @@ FOLDERS = (
 )
 PRINTERS = {
     "generator_cli/command_line.py": "the functions of this command line",
-    "generator_cli/__init__.py": "a progress bar without names",
+    "generator_cli/commands.py": "a progress bar without names",
     "compiler/regenerate.py": "for maintainers: paths of this package",
     "command_support/terminal_output.py": "the functions of this command line",
     "ros_cli/__init__.py": "warnings, and flushing",
-    "command_support/__init__.py": "errors",
+    "command_support/errors.py": "errors",
     "ros_cli/completion.py": "the scripts of click",
     "command_support/self_test_process.py": "one word for its own parent process",
     "ros_cli/zenoh_router.py": "its own texts, made printable",

@@ -19,7 +19,7 @@ from rosidl_py_gen.compiler.frontend.bundled import BundledInterfaces
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.generator_cli import main
-from rosidl_py_gen.wheels.build import build, read_manifest
+from rosidl_py_gen.wheels.build import PackageManifest, build_wheels
 
 MANIFEST = """<package format="3">
   <name>{name}</name><version>{version}</version><description>Messages
@@ -91,7 +91,7 @@ GENERATOR = "-c", "from rosidl_py_gen.generator_cli import main; main()"
 
 def test_each_package_becomes_wheel_with_metadata_of_its_manifest(workspace: Path, tmp_path: Path) -> None:
     search = SearchPath.scan([workspace])
-    built = build(search, [], tmp_path / "dist")
+    built = build_wheels(search, [], tmp_path / "dist")
     names = [one.path.name for one in built]
     assert names == [
         "builtin_interfaces-0.1.0-py3-none-any.whl",
@@ -136,7 +136,7 @@ def test_wheel_builds_are_reproducible(workspace: Path, tmp_path: Path, monkeypa
     search = SearchPath.scan([workspace])
 
     def made(folder: str) -> bytes:
-        return build(search, ["wheel_base_msgs"], tmp_path / folder, dependencies=False)[0].path.read_bytes()
+        return build_wheels(search, ["wheel_base_msgs"], tmp_path / folder, dependencies=False)[0].path.read_bytes()
 
     first = made("a")
     os.utime(workspace / "wheel_base_msgs" / "msg" / "Wheel.msg", (1e9, 1e9))
@@ -160,7 +160,7 @@ def test_invalid_manifests_for_wheels_are_reported(tmp_path: Path, text: str | N
     if text is not None:
         (tmp_path / "package.xml").write_text(text)
     with pytest.raises(DefinitionError, match=printed) as told:
-        read_manifest(tmp_path)
+        PackageManifest.read(tmp_path)
     assert "package.xml" in str(told.value)
 
 
@@ -168,7 +168,7 @@ def test_line_breaks_in_manifest_do_not_inject_metadata_headers(tmp_path: Path) 
     package = source(tmp_path, "odd_msgs", "1.0.0", Odd="int32 x\n")
     manifest = package / "package.xml"
     manifest.write_text(manifest.read_text().replace("Apache-2.0", "MIT\nRequires-Dist: evil\n\nbody"))
-    (built,) = build(SearchPath.scan([tmp_path]), ["odd_msgs"], tmp_path / "dist")
+    (built,) = build_wheels(SearchPath.scan([tmp_path]), ["odd_msgs"], tmp_path / "dist")
     with zipfile.ZipFile(built.path) as wheel:
         told = wheel.read("odd_msgs-1.0.0.dist-info/METADATA").decode()
     assert "\nRequires-Dist: evil" not in told and "License: MIT Requires-Dist: evil body\n" in told

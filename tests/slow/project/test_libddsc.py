@@ -67,9 +67,9 @@ def test_platform_without_wheel_is_one_line_error_with_other_advice(
     system: str, machine: str, glibc: str | None, advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert on_platform(monkeypatch, system, machine, glibc=glibc) is None
-    assert not libddsc.needs_library()
+    assert libddsc.InstalledLibrary.install_missing() is None
     with pytest.raises(OutputError, match=r"^libddsc: no wheel of cyclonedds is recorded for this platform; ") as error:
-        libddsc.install()
+        libddsc.InstalledLibrary.install()
     assert advice in str(error.value) and "\n" not in str(error.value)
 
 
@@ -168,7 +168,7 @@ def test_libddsc_command_installs_no_files_if_library_exists(capsys: pytest.Capt
         pytest.skip("no libddsc")
     main(["libddsc"])
     assert capsys.readouterr().out.startswith("nothing to install: Cyclone DDS ")
-    assert not libddsc.needs_library()
+    assert libddsc.InstalledLibrary.install_missing() is None
 
 
 @pytest.mark.parametrize("platform", PLATFORMS, ids="-".join)

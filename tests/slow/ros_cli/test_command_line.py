@@ -348,7 +348,7 @@ def test_completion_quotes_names_of_peers_for_shells(monkeypatch: pytest.MonkeyP
     @click.option("--topic", shell_complete=lambda ctx, param, incomplete: shells.items(names, incomplete))
     def command(topic: str) -> None: ...
 
-    shells.install()
+    shells.install_completion()
     monkeypatch.setenv("COMP_WORDS", "x --topic /a")
     monkeypatch.setenv("COMP_CWORD", "2")
     quoted = ["'/a$(touch x)'", "'/a`touch x`'", r"/a\;x", '"/a b"', r"/a\*", r"/a\'b"]
