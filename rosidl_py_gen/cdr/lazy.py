@@ -49,7 +49,11 @@ def _exports(
     def module_getattr(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(homes[name]), name)
+        try:
+            module = import_module(homes[name])
+        except AttributeError as error:  # `from PACKAGE import NAME` would report a missing name, without the cause
+            raise ImportError(f"{homes[name]}: {error}") from error
+        value = getattr(module, name)
         setattr(sys.modules[package], name, value)
         return value
 

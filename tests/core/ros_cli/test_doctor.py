@@ -302,7 +302,7 @@ async def test_self_test_reports_second_process_that_did_not_start(
 @pytest.mark.slow
 @pytest.mark.real_time("a process")
 def test_second_process_of_the_self_test_imports_no_command_line_library() -> None:
-    code = "import rosidl_py_gen.command_support.self_test_process, sys; print(*sys.modules)"
+    code = "from rosidl_py_gen.command_support import run_self_test_peer; import sys; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert {"click", "rich", "numpy", "rosidl_py_gen.ros_cli"}.isdisjoint(done.stdout.split())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import subprocess
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from zipfile import ZipFile
@@ -67,7 +68,9 @@ def test_platform_without_wheel_is_one_line_error_with_other_advice(
     system: str, machine: str, glibc: str | None, advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert on_platform(monkeypatch, system, machine, glibc=glibc) is None
-    assert libddsc.InstalledLibrary.install_missing() is None
+    with monkeypatch.context() as patched:
+        patched.setattr(libddsc.InstalledLibrary, "install", partial(pytest.fail, "it is installed"))
+        assert libddsc.InstalledLibrary.install_missing() is None
     with pytest.raises(OutputError, match=r"^libddsc: no wheel of cyclonedds is recorded for this platform; ") as error:
         libddsc.InstalledLibrary.install()
     assert advice in str(error.value) and "\n" not in str(error.value)
@@ -163,9 +166,12 @@ def test_file_other_than_recorded_wheel_is_one_line_error(
     assert printed.err.startswith(f"error: {file}: ") and text in printed.err and printed.err.count("\n") == 1
 
 
-def test_libddsc_command_installs_no_files_if_library_exists(capsys: pytest.CaptureFixture[str]) -> None:
+def test_libddsc_command_installs_no_files_if_library_exists(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     if not library.is_found():
         pytest.skip("no libddsc")
+    monkeypatch.setattr(libddsc.InstalledLibrary, "install", partial(pytest.fail, "it is installed"))
     main(["libddsc"])
     assert capsys.readouterr().out.startswith("nothing to install: Cyclone DDS ")
     assert libddsc.InstalledLibrary.install_missing() is None
