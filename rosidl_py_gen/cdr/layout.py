@@ -41,13 +41,16 @@ class Count:
     CODE = "I"
     """Struct code."""
     MAX = 0xFFFFFFFF
+    """Maximum number of elements, or of bytes or units of a string."""
 
 
 class WStringUnit:
     """UTF-16 code unit of a wstring, which travels as a u32."""
 
     SIZE = 4
+    """Size and alignment in bytes."""
     MAX = 0xFFFF
+    """Largest unit; a larger number is not valid UTF-16."""
 
 
 class Alignment:
@@ -62,8 +65,9 @@ class Alignment:
 
     @staticmethod
     def up(position: Position, align: int) -> Position:
-        """Return the first multiple of `align`, a power of two, at or after a position; element by element for an
-        array.
+        """Return the first multiple of `align`, a power of two, at or after a position.
+
+        The positions of an array are aligned one by one.
         """
         return position + (-position & align - 1)
 

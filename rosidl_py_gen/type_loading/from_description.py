@@ -218,8 +218,9 @@ class DistributionVariants:
 
     @staticmethod
     def get_class(name: str, distro: str, path: SearchFolders = ()) -> type[Any]:
-        """Return the message, service or action class that nodes of a distribution use, as far as it is known on this
-        machine.
+        """Return the message, service or action class that nodes of a distribution use.
+
+        Definitions that this machine does not have are not considered.
 
         Args:
             name: full name of the type.
