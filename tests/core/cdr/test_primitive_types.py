@@ -84,7 +84,7 @@ def declarations(module: ModuleType) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", PRIMITIVES)
-def test_type_checkers_find_what_generated_code_imports_for_a_type(name: str) -> None:
+def test_names_that_generated_code_imports_are_declared_for_type_checkers(name: str) -> None:
     one, plural = PRIMITIVES[name], numpy_name(name) + "s"
     expected = {
         plural.capitalize(): f"NDArray[np.{one.numpy}] | Sequence[{one.python}]",
