@@ -15,7 +15,7 @@ from rosidl_py_gen.bags.common import BagError, BagTopic, DurableFile
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.yaml_text import YamlError, YamlText
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
+from rosidl_py_gen.runtime import qos as presets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ _MAX_BYTES = 1 << 26
 """Maximum bytes of ``metadata.yaml``; rosbag2 writes about 250 bytes for each file and topic of a bag."""
 _MAX_QOS_BYTES = 1 << 20
 """Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
-_POLICIES = sorted(POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
+_POLICIES = sorted(presets.POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
 """All QoS policies in the order in which rosbag2 writes them, which is the order of the fields of `QoSProfile`."""
 
 
@@ -282,7 +282,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 def _parse_profile(row: Any) -> QoSProfile:
     values: dict[str, Any] = {}
-    known = [policy for policy in POLICIES if policy.rmw_name in row]  # an older recorder may lack a policy
+    known = [policy for policy in presets.POLICIES if policy.rmw_name in row]  # an older recorder may lack a policy
     if not known:
         raise ValueError("no policies")
     for policy in known:
@@ -291,7 +291,7 @@ def _parse_profile(row: Any) -> QoSProfile:
             value: Any = _scalar(row[name])
             values[policy.field] = policy.enum[value.upper()] if isinstance(value, str) else policy.enum(value)
         elif policy.is_period:
-            values[policy.field] = min(int(row[name]["sec"]) * NS_PER_S + int(row[name]["nsec"]), INFINITE_NS)
+            values[policy.field] = min(int(row[name]["sec"]) * NS_PER_S + int(row[name]["nsec"]), presets.INFINITE_NS)
         elif policy.limits is not None:
             values[policy.field] = int(row[name])
         elif name != "avoid_ros_namespace_conventions":  # a matter of the topic's name, which the bag has

@@ -50,6 +50,14 @@ class RosName(_Components):
         "lower case letters, digits and single underscores, a letter first, no underscore last",
     )
     """Rule for names of packages."""
+    FIELD_RULE = PACKAGE_RULE
+    """Rule for names of fields, which is the same as for packages."""
+    CONSTANT_RULE = SpellingRule(
+        # Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
+        re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII),
+        "upper case letters, digits and single underscores, a letter first, no underscore last",
+    )
+    """Rule for names of constants in interfaces."""
     NAME_RULE = SpellingRule(
         re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII), "letters and digits, an upper case letter first"
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias,
 
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.cdr.arrays import FieldValueError
 from rosidl_py_gen.cdr.structured_arrays import StructuredCodec
 from rosidl_py_gen.errors import TypeNotFoundError
@@ -250,6 +250,16 @@ def is_of_type(value: object, cls: type[Message]) -> bool:
         return True
     info = type(value)._TYPE if isinstance(value, Message) else None
     return info is not None and (info.name, info.hash) == (cls._TYPE.name, cls._TYPE.hash)
+
+
+def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
+    """Return a class without fields that has the name and hash of a type, for serialized messages."""
+
+    class OpaqueMessage(Message):
+        __slots__ = ()
+        _TYPE = TypeInfo(str(RosName.parse(type_name, "msg")), type_hash, ())
+
+    return OpaqueMessage
 
 
 class ServiceInfo:

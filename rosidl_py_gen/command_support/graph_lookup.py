@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.cdr import Message, TypeInfo
+from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.cdr.message import opaque_message_class
 from rosidl_py_gen.command_support.errors import CommandError
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.type_loading import load_compiler
@@ -80,16 +81,6 @@ async def interface_class(
     if types and kind != "topic":
         raise CommandError(f"{kind} {name} has type {', '.join(types)}, not {wanted}")
     return get(wanted, path=paths)
-
-
-def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
-    """Return a class without fields that has the name and hash of a type, for serialized messages."""
-
-    class OpaqueMessage(Message):
-        __slots__ = ()
-        _TYPE = TypeInfo(str(RosName.parse(type_name, "msg")), type_hash, ())
-
-    return OpaqueMessage
 
 
 def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:

@@ -20,8 +20,7 @@ from rosidl_py_gen.foxglove.protocol import Graph
 from rosidl_py_gen.foxglove.server import FoxgloveOptions, Handlers, Server
 from rosidl_py_gen.foxglove.services import ParameterBridge, ServiceBridge
 from rosidl_py_gen.foxglove.topics import ClientPublishing, TopicBridge
-from rosidl_py_gen.runtime import validate_full_name
-from rosidl_py_gen.runtime.qos import CLOCK
+from rosidl_py_gen.runtime import qos, validate_full_name
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, NodeInfo
@@ -152,7 +151,7 @@ class _View:
                 self._server.send_time(self._sim_ns)
 
         clock: Any = get_message("rosgraph_msgs/msg/Clock")
-        self._node.create_subscription(clock, _CLOCK_TOPIC, on_message, CLOCK)
+        self._node.create_subscription(clock, _CLOCK_TOPIC, on_message, qos.CLOCK)
 
     def _note_clock(self) -> None:
         if not (self._has_clock or self._has_noted_clock) and self._node.count_publishers(_CLOCK_TOPIC):

@@ -20,18 +20,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen import Message, compile_definition, encode, get_message, type_hash
 from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.cdr.message import opaque_message_class
 from rosidl_py_gen.command_support import (
     CommandError,
     interface_class,
     opaque_class,
-    opaque_message_class,
     terminal_output,
 )
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.foxglove import limits
 from rosidl_py_gen.foxglove.tasks import Decoder, KeyedTasks, Worker
-from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, WaitTimeoutError
-from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
+from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, WaitTimeoutError, qos
 from rosidl_py_gen.type_loading import definition_text
 
 if TYPE_CHECKING:
@@ -228,7 +227,7 @@ class ClientPublishing:
             topic = self._command_node.full_name(offer.topic)
             cls = await self._class(topic, offer)
             client.decoder = Decoder(cls, offer.encoding)
-            client.publisher = self._command_node.node.create_publisher(cls, topic, BEST_AVAILABLE)
+            client.publisher = self._command_node.node.create_publisher(cls, topic, qos.BEST_AVAILABLE)
         except RosidlError as error:
             client.has_failed = True
             self._server.send_control(offer.topic, f"{offer.topic} cannot be published: {error}")

@@ -26,8 +26,8 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet, require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters, blocking, current_loop
-from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError, WouldDeadlockError
+from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime import CallbackInUseError, Duration, WaitTimeoutError, WouldDeadlockError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
+from rosidl_py_gen.base import folder_trust
 from rosidl_py_gen.base.distributions import Distribution
-from rosidl_py_gen.base.folder_trust import make_folder, tree_reason
 from rosidl_py_gen.command_support import CommandError
 from rosidl_py_gen.compiler.frontend import BundledInterfaces, PackageFiles, Workspace
 from rosidl_py_gen.errors import display_path
@@ -110,7 +110,7 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
     notes = tuple(text for plan in plans for text in plan.notes)
-    unsafe = "" if out is None else tree_reason(prefix)
+    unsafe = "" if out is None else folder_trust.tree_reason(prefix)
     return Prefix(prefix, packages, skipped, tuple(problems), notes, unsafe, created, removed)
 
 
@@ -218,7 +218,7 @@ class _Writer:
     """
 
     def __init__(self, prefix: Path, *, is_private: bool) -> None:
-        make_folder(prefix, is_private=is_private)
+        folder_trust.make_folder(prefix, is_private=is_private)
         self._is_private = is_private
         self._prefix = prefix = Path(os.path.realpath(prefix))
         self._new = prefix / f".new-{os.getpid()}"
@@ -257,7 +257,7 @@ class _Writer:
         if path.parent not in self._made:
             if os.path.realpath(path.parent) != str(path.parent):  # a link, which may lead out of the prefix
                 raise OSError(0, f"{os.path.dirname(place)} is not a folder")
-            make_folder(path.parent, is_private=self._is_private)
+            folder_trust.make_folder(path.parent, is_private=self._is_private)
             self._made.add(path.parent)
         exists = os.path.lexists(path)  # before the content, as another process may create it in between
         if exists and _is_current(path, file):

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+from rosidl_py_gen import ImportHookWarning, install_import_hook
 from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.command_support import terminal_output
 from rosidl_py_gen.compiler.frontend import Workspace
-from rosidl_py_gen.type_loading import ImportHookWarning, install_import_hook, workspace_packages
+from rosidl_py_gen.type_loading import workspace_packages
 
 _RUN_FUNCTION = """from {module} import {first}
 

@@ -21,11 +21,12 @@ from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any
 
+from rosidl_py_gen import found_packages
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.command_support import CommandError, report
 from rosidl_py_gen.prefix import Executable, install_note
 from rosidl_py_gen.runtime import RosArgumentError
-from rosidl_py_gen.type_loading import RCLPY_COMPAT_DIR, found_packages
+from rosidl_py_gen.type_loading import RCLPY_COMPAT_DIR
 
 _PACKAGE_DIR = str(Path(__file__).parents[1])
 _COMMAND_DIRS = tuple(

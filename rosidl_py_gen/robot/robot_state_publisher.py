@@ -17,8 +17,7 @@ from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, parse_urdf, read_description, resolve_mimics
-from rosidl_py_gen.runtime import Context, Node, Parameter, Range
-from rosidl_py_gen.runtime.qos import SENSOR_DATA
+from rosidl_py_gen.runtime import Context, Node, Parameter, Range, qos
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
 
 NAME = "robot_state_publisher"
@@ -59,7 +58,7 @@ class RobotStatePublisher:
         self._last_callback_ns = 0
         self._use_robot()
         joint_state = get_message("sensor_msgs/msg/JointState")
-        node.create_subscription(joint_state, "joint_states", self._on_joint_state, SENSOR_DATA)
+        node.create_subscription(joint_state, "joint_states", self._on_joint_state, qos.SENSOR_DATA)
         node.add_post_set_callback(self._apply_parameters)
 
     def _refusal(self, new: RobotParameters) -> str | None:

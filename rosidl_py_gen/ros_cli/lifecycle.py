@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
     from rosidl_py_gen.command_support import CommandNode
-    from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
+    from rosidl_py_gen.msgs.lifecycle_msgs import msg
     from rosidl_py_gen.runtime import Node
 
 _IDENTIFYING_SERVICE = "/get_state"
@@ -31,10 +31,10 @@ class _LifecycleAccess(NamedTuple):
         with closing(self.node.create_client(cls, f"{self.name}/{service}")) as client:
             return await client.call(cls.Request(**fields), self.timeout_s)
 
-    async def state(self) -> State:
-        from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
+    async def state(self) -> msg.State:
+        from rosidl_py_gen.msgs.lifecycle_msgs import srv
 
-        state: State = (await self.call(GetState, "get_state")).current_state
+        state: msg.State = (await self.call(srv.GetState, "get_state")).current_state
         return state
 
 
@@ -105,7 +105,7 @@ async def get(command_node: CommandNode, node: str | None, hidden: bool, timeout
     return 1 if names and not states else 0
 
 
-def _row(state: State) -> dict[str, Any]:
+def _row(state: msg.State) -> dict[str, Any]:
     return {"id": state.id, "label": state.label}
 
 
@@ -126,11 +126,11 @@ async def list_(command_node: CommandNode, node: str, every: bool, timeout_s: fl
     rosidl-py lifecycle list /camera
     """
     from rosidl_py_gen import to_dict
-    from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetAvailableTransitions
+    from rosidl_py_gen.msgs.lifecycle_msgs import srv
 
     service = "get_transition_graph" if every else "get_available_transitions"
     async with _access(command_node, node, timeout_s) as remote:
-        transitions = (await remote.call(GetAvailableTransitions, service)).available_transitions
+        transitions = (await remote.call(srv.GetAvailableTransitions, service)).available_transitions
     lines: list[str] = []
     for one in transitions:
         lines += (
@@ -154,16 +154,16 @@ async def set_(command_node: CommandNode, node: str, transition: str, timeout_s:
     rosidl-py lifecycle set /camera configure
     rosidl-py lifecycle set /camera 3
     """
-    from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
+    from rosidl_py_gen.msgs.lifecycle_msgs import srv
 
     async with _access(command_node, node, timeout_s) as remote:
-        response = await remote.call(GetAvailableTransitions, "get_available_transitions")
+        response = await remote.call(srv.GetAvailableTransitions, "get_available_transitions")
         possible = [one.transition for one in response.available_transitions]
         by_text = {**{str(one.id): one for one in possible}, **{one.label: one for one in possible}}
         if transition not in by_text:
             choices = ", ".join(map(_text, possible)) or "none"
             raise CommandError(f"{remote.name} cannot {transition!r} in its present state; possible now: {choices}")
-        response = await remote.call(ChangeState, "change_state", transition=by_text[transition])
+        response = await remote.call(srv.ChangeState, "change_state", transition=by_text[transition])
     if not response.success and not as_json:
         raise CommandError("Transitioning failed")
     terminal_output.result(["Transitioning successful"], as_json, {"successful": bool(response.success)})

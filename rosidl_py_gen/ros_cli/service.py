@@ -173,12 +173,11 @@ async def echo(
     """
     from rosidl_py_gen.command_support import interface_class, preload_while_waiting
     from rosidl_py_gen.ros_cli import message_text
-    from rosidl_py_gen.runtime import WaitTimeoutError
-    from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
+    from rosidl_py_gen.runtime import WaitTimeoutError, qos
 
     name = await preload_while_waiting(command_node.find("service", service))
     cls: Any = await interface_class(command_node, "service", name, type_name, paths)
-    events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
+    events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=qos.SERVICES_DEFAULT)
     try:
         await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)
     except WaitTimeoutError:

@@ -18,13 +18,7 @@ from rosidl_py_gen.base.distributions import Distribution
 from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.msgs.lifecycle_msgs import msg
-from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
-    ChangeState,
-    GetAvailableStates,
-    GetAvailableTransitions,
-    GetState,
-)
+from rosidl_py_gen.msgs.lifecycle_msgs import msg, srv
 from rosidl_py_gen.runtime.entities.message_types import MessageType, message_type, service_type
 from rosidl_py_gen.runtime.entities.services import ServiceServer
 from rosidl_py_gen.runtime.entities.topics import Publisher
@@ -243,15 +237,15 @@ class LifecycleMachine:
             scope, message_type(self._event_class), names.resolve_topic("~/transition_event"), DEFAULT
         )
         table: list[tuple[str, Any, Callable[[Any], Any]]] = [
-            ("change_state", ChangeState, self._on_change_state),
-            ("get_state", GetState, lambda request: GetState.Response(current_state=_state(self.state))),
-            ("get_available_states", GetAvailableStates, self._on_states),
+            ("change_state", srv.ChangeState, self._on_change_state),
+            ("get_state", srv.GetState, lambda request: srv.GetState.Response(current_state=_state(self.state))),
+            ("get_available_states", srv.GetAvailableStates, self._on_states),
             (
                 "get_available_transitions",
-                GetAvailableTransitions,
+                srv.GetAvailableTransitions,
                 lambda r: _transitions(available_transitions(self.state)),
             ),
-            ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(LIFECYCLE_TRANSITIONS)),
+            ("get_transition_graph", srv.GetAvailableTransitions, lambda r: _transitions(LIFECYCLE_TRANSITIONS)),
         ]
         for callback in _CALLBACKS.values():
             require_signature(getattr(node, callback), f"{callback} of a lifecycle node", "the previous state")
@@ -308,16 +302,16 @@ class LifecycleMachine:
             event.transition = msg.Transition(id=row.id, label=row.label)
         self._event.publish(event)
 
-    async def _on_change_state(self, request: ChangeState.Request) -> ChangeState.Response:
+    async def _on_change_state(self, request: srv.ChangeState.Request) -> srv.ChangeState.Response:
         try:
             outcome = await self.change(request.transition.id, request.transition.label)
         except TransitionError as error:
             self._scope.logger.warning(f"refused a change of state: {error}", throttle_s=1.0)
-            return ChangeState.Response(success=False)
-        return ChangeState.Response(success=outcome is TransitionCallbackReturn.SUCCESS)
+            return srv.ChangeState.Response(success=False)
+        return srv.ChangeState.Response(success=outcome is TransitionCallbackReturn.SUCCESS)
 
-    def _on_states(self, request: object) -> GetAvailableStates.Response:
-        return GetAvailableStates.Response(available_states=[_state(state) for state in State])
+    def _on_states(self, request: object) -> srv.GetAvailableStates.Response:
+        return srv.GetAvailableStates.Response(available_states=[_state(state) for state in State])
 
 
 def _transition_event_class() -> type[Any]:
@@ -351,8 +345,8 @@ def _state(state: State) -> msg.State:
     return msg.State(id=int(state), label=state.label)
 
 
-def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions.Response:
-    return GetAvailableTransitions.Response(
+def _transitions(rows: Iterable[Transition]) -> srv.GetAvailableTransitions.Response:
+    return srv.GetAvailableTransitions.Response(
         available_transitions=[
             msg.TransitionDescription(
                 transition=msg.Transition(id=row.id, label=row.label),

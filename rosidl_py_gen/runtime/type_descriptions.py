@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.descriptions import TypeDescriptions
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import DataFolders, GeneratedCode
-from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.msgs.hashes import HASHES
@@ -393,7 +392,7 @@ def _describe(scope: EntityScope, request: srv.GetTypeDescription_Request) -> sr
         cls = _find_class(scope, request.type_hash)
         if cls is None or not _is_described(cls):
             return _failure("Type not currently in use by this node")
-        from rosidl_py_gen import from_dict
+        from rosidl_py_gen import encode, from_dict
 
         description = from_dict(msg.TypeDescription, type_description(cls))
         response = srv.GetTypeDescription_Response(successful=True, type_description=description)

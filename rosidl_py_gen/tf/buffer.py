@@ -17,9 +17,9 @@ from rosidl_py_gen import encode, get_message
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters, blocking
-from rosidl_py_gen.errors import RosidlError, printable
+from rosidl_py_gen.errors import ClosedError, RosidlError, printable
 from rosidl_py_gen.message_filters import MessageFilter, NoNodeScope, call_all
-from rosidl_py_gen.runtime import ClosedError, Durability, Duration, QoSProfile
+from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.frame_tree import (
     ExtrapolationError,
     FrameInfo,

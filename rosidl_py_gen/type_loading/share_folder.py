@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from rosidl_py_gen.base.folder_trust import make_folder
+from rosidl_py_gen.base import folder_trust
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.compiler.frontend import CMakeScript, PackageBudget, UnreadableError
@@ -52,7 +52,7 @@ def share_folder(
         return folder
     try:
         made = CacheFolder.create("share", (folder, *(interfaces or {}).values())).path / name
-        make_folder(made)
+        folder_trust.make_folder(made)
         _link(tree, made, [_MAX_ENTRIES])
     except OSError:  # links are not permitted, as on Windows
         return folder
@@ -137,7 +137,7 @@ def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
             with suppress(FileExistsError):  # another process was faster
                 place.symlink_to(source)
         elif isinstance(source, dict) or (place.is_dir() and source.is_dir()):
-            make_folder(place)
+            folder_trust.make_folder(place)
             _link(
                 source if isinstance(source, dict) else {one: source / one for one in entry_names(source)}, place, left
             )

@@ -7,7 +7,6 @@ from rosidl_py_gen.compiler.frontend.definition_text import DefinitionText as De
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem as LiteralProblem
 from rosidl_py_gen.compiler.frontend.literal_values import file_scalar as file_scalar
 from rosidl_py_gen.compiler.frontend.literal_values import split_strings as split_strings
-from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME as CONSTANT_NAME
 from rosidl_py_gen.compiler.frontend.model import ConstantDef as ConstantDef
 from rosidl_py_gen.compiler.frontend.model import FieldDef as FieldDef
 from rosidl_py_gen.compiler.frontend.model import MessageDef as MessageDef

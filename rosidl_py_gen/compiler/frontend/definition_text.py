@@ -11,7 +11,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.compiler.frontend.model import CONSTANT_NAME, FIELD_NAME, FieldDef, MessageDef
+from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 if TYPE_CHECKING:
@@ -81,9 +81,10 @@ def _must_stay_idl(registry: InterfaceRegistry, name: RosName) -> bool:
     if interface is None or interface.source.format != "idl":
         return False
     sections = interface.sections
-    has_valid_fields = all(FIELD_NAME.allows(item.name) for section in sections for item in section.fields)
+    has_valid_fields = all(RosName.FIELD_RULE.allows(item.name) for section in sections for item in section.fields)
     return not (
-        has_valid_fields and all(CONSTANT_NAME.allows(item.name) for section in sections for item in section.constants)
+        has_valid_fields
+        and all(RosName.CONSTANT_RULE.allows(item.name) for section in sections for item in section.constants)
     )
 
 

@@ -23,8 +23,6 @@ from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import RosName, did_you_mean
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import (
-    CONSTANT_NAME,
-    FIELD_NAME,
     SECTIONS,
     ConstantDef,
     Diagnostics,
@@ -213,10 +211,10 @@ class _Section:
             if kind.is_message or kind.arity is not Arity.SCALAR or kind.string_bound:
                 token = tokens.get("member", tokens["type"])
                 raise token.problem(f'expected a primitive type or string for a constant, found "{kind}"')
-            if not CONSTANT_NAME.allows(name.text):
-                raise name.problem(f'"{name.text}" is not a constant name; expected {CONSTANT_NAME}')
-        elif not FIELD_NAME.allows(name.text):
-            raise name.problem(f'"{name.text}" is not a field name; expected {FIELD_NAME}')
+            if not RosName.CONSTANT_RULE.allows(name.text):
+                raise name.problem(f'"{name.text}" is not a constant name; expected {RosName.CONSTANT_RULE}')
+        elif not RosName.FIELD_RULE.allows(name.text):
+            raise name.problem(f'"{name.text}" is not a field name; expected {RosName.FIELD_RULE}')
         value = tokens.get("value", tokens.get("default"))
         try:
             if "equals" in tokens:

@@ -7,13 +7,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.base.names import RosName, SpellingRule
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import Diagnostic
 
 MAX_PROBLEMS = 100
@@ -27,13 +26,6 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 """Name suffixes of the messages that an interface file defines, by kind (msg, srv, action)."""
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
-FIELD_NAME = RosName.PACKAGE_RULE
-"""Rule for names of fields, which is the same as for packages."""
-CONSTANT_NAME = SpellingRule(
-    # Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
-    re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII),
-    "upper case letters, digits and single underscores, a letter first, no underscore last",
-)
 _DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
 _UUID = "unique_identifier_msgs/msg/UUID"
 _TIME = "builtin_interfaces/msg/Time"

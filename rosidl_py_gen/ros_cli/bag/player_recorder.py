@@ -29,8 +29,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli.bag.yaml_files import entries, parse, read_text, text, wrong
-from rosidl_py_gen.runtime import InvalidQoSError, QoSProfile, validate_full_name
-from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
+from rosidl_py_gen.runtime import InvalidQoSError, QoSProfile, qos, validate_full_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -144,17 +143,17 @@ class _Terminal:
         signal.signal(number, self._give_up)
 
 
-_PERIOD_FIELDS = {policy.rmw_name: policy.field for policy in POLICIES if policy.is_period}
+_PERIOD_FIELDS = {policy.rmw_name: policy.field for policy in qos.POLICIES if policy.is_period}
 _CHOICES: dict[str, dict[str, Any]] = {
     **{
         policy.rmw_name: {one.name.lower(): one for one in policy.enum if one.name != "UNKNOWN"}
-        for policy in POLICIES
+        for policy in qos.POLICIES
         if policy.enum is not None
     },
-    **{policy.rmw_name: {"true": True, "false": False} for policy in POLICIES if policy.is_flag},
+    **{policy.rmw_name: {"true": True, "false": False} for policy in qos.POLICIES if policy.is_flag},
 }
-_LIMITS = {policy.rmw_name: policy.limits for policy in POLICIES if policy.limits is not None}
-_KEYS = tuple(policy.rmw_name for policy in POLICIES)
+_LIMITS = {policy.rmw_name: policy.limits for policy in qos.POLICIES if policy.limits is not None}
+_KEYS = tuple(policy.rmw_name for policy in qos.POLICIES)
 _EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
 
@@ -206,7 +205,7 @@ def _period(policy: str, node: YamlNode, name: str) -> int:
         values[key.value] = _number(value, name, f"{policy}: {key.value}")
     if len(values) == 1:
         wrong(node, name, f"{expected}, found only {next(iter(values))}:")
-    return min(values.get("sec", 0) * NS_PER_S + values.get("nsec", 0), INFINITE_NS)
+    return min(values.get("sec", 0) * NS_PER_S + values.get("nsec", 0), qos.INFINITE_NS)
 
 
 def _number(node: YamlNode, name: str, policy: str, *, is_signed: bool = False) -> int:

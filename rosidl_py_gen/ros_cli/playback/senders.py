@@ -17,7 +17,8 @@ from rosidl_py_gen.bags import OfferedQoS
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service
-from rosidl_py_gen.command_support import CommandError, opaque_message_class, terminal_output
+from rosidl_py_gen.cdr.message import opaque_message_class
+from rosidl_py_gen.command_support import CommandError, terminal_output
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.ros_cli.bag.reading import guess_mismatch
 from rosidl_py_gen.runtime import (

@@ -18,6 +18,7 @@ from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic, OfferedQoS, topic_of
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.terminal_text import pluralize, print_next_step
+from rosidl_py_gen.cdr.message import opaque_message_class
 from rosidl_py_gen.command_support import (
     CommandError,
     CommandNode,
@@ -25,7 +26,6 @@ from rosidl_py_gen.command_support import (
     first_of,
     interface_class,
     opaque_class,
-    opaque_message_class,
     terminal_output,
 )
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError

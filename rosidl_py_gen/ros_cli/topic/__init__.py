@@ -54,10 +54,9 @@ qos_options = options.all_of(
 
 def requested_profile(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
     """Return the profile that ``--qos-...`` options request, based on `default`; None if no such option is used."""
-    from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
+    from rosidl_py_gen.runtime import Durability, QoSProfile
     from rosidl_py_gen.runtime import qos as presets
 
-    kinds = {"history": History, "reliability": Reliability, "durability": Durability, "liveliness": Liveliness}
     requested = {name: value for name, value in qos.items() if value is not None}
     if not requested:
         return None
@@ -65,7 +64,7 @@ def requested_profile(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | 
     if (preset := requested.pop("preset", None)) is not None:
         profile = getattr(presets, _PRESETS.get(preset, preset.upper()))
     lease_s = requested.pop("liveliness_lease_s", None)
-    for name, kind in kinds.items():
+    for name, kind in presets.ENUMS.items():
         if name in requested:
             requested[name] = kind[requested[name].upper()]
     profile = replace(profile, **requested)

@@ -125,10 +125,10 @@ def _description(endpoint: TopicEndpointInfo) -> list[str]:
 
 def _profile_lines(qos: QoSProfile) -> Iterator[str]:
     from rosidl_py_gen.runtime import History
-    from rosidl_py_gen.runtime.qos import POLICIES
+    from rosidl_py_gen.runtime import qos as presets
 
     depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
-    for policy in POLICIES:
+    for policy in presets.POLICIES:
         value = getattr(qos, policy.field)
         if policy.enum is not None:
             yield f"  {policy.label}: {value.name}{depth if policy.field == 'history' else ''}"
@@ -150,14 +150,18 @@ def _row(endpoint: TopicEndpointInfo) -> dict[str, Any]:
 
 
 def _qos_row(qos: QoSProfile) -> dict[str, Any]:
-    from rosidl_py_gen.runtime.qos import POLICIES
+    from rosidl_py_gen.runtime import qos as presets
 
     # Discovery does not say whether a name has the prefix of ROS.
-    named = {policy.field: getattr(qos, policy.field) for policy in POLICIES if policy.label or policy.field == "depth"}
+    named = {
+        policy.field: getattr(qos, policy.field)
+        for policy in presets.POLICIES
+        if policy.label or policy.field == "depth"
+    }
     return {field: value.name.lower() if isinstance(value, Enum) else value for field, value in named.items()}
 
 
 def _period(period_ns: int) -> str:
-    from rosidl_py_gen.runtime.qos import INFINITE_NS
+    from rosidl_py_gen.runtime import qos as presets
 
-    return "Infinite" if period_ns == INFINITE_NS else f"{period_ns} nanoseconds"
+    return "Infinite" if period_ns == presets.INFINITE_NS else f"{period_ns} nanoseconds"

@@ -15,7 +15,7 @@ from typing import TypedDict, TypeVar
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, FieldType
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.compiler.frontend import CONSTANT_NAME, LiteralProblem, file_scalar, is_interface_name, split_strings
+from rosidl_py_gen.compiler.frontend import LiteralProblem, file_scalar, is_interface_name, split_strings
 
 PACKAGE_NAME_MESSAGE_TYPE_SEPARATOR = "/"
 COMMENT_DELIMITER = "#"
@@ -107,7 +107,7 @@ def is_valid_message_name(name: str) -> bool:
 
 def is_valid_constant_name(name: str) -> bool:
     """Return True if a text is a valid name of a constant; raise `InvalidResourceName` for other objects than texts."""
-    return CONSTANT_NAME.allows(_text(name))
+    return RosName.CONSTANT_RULE.allows(_text(name))
 
 
 def _text(name: object) -> str:

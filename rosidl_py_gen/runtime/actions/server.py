@@ -24,7 +24,7 @@ from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
+from rosidl_py_gen.msgs.action_msgs import msg
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime.actions.server_goal import (
     FINISHED,
@@ -182,7 +182,7 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         code, canceled = self._goals.cancel(selection, agreed)
         response = CancelGoal.Response(return_code=int(code))
         for info in canceled:
-            message = GoalInfoMessage()
+            message = msg.GoalInfo()
             set_goal_id(message, info.goal_id)
             set_stamp(message.stamp, info.stamp_ns)
             response.goals_canceling.append(message)

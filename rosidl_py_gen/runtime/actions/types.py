@@ -19,7 +19,7 @@ import numpy as np
 from rosidl_py_gen.cdr import Action, Message
 from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.errors import EncodeError, RosidlError
-from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
+from rosidl_py_gen.msgs.action_msgs import msg
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, user_callback
 from rosidl_py_gen.runtime.entities.message_types import (
@@ -103,7 +103,7 @@ class ActionType:
     get_result: ServiceType[Any, Any]
     feedback_message: MessageType[Any]
     cancel: ServiceType[CancelGoal.Request, CancelGoal.Response]
-    status: MessageType[GoalStatusArray]
+    status: MessageType[msg.GoalStatusArray]
 
     def encode_result(self, status: int, result: object | None) -> bytes:
         """Serialize a get_result response.
@@ -145,7 +145,7 @@ def action_type(source: object, *, arrays: bool = False) -> ActionType:
         service_type(cls.GetResult, arrays=arrays),
         message_type(cls.FeedbackMessage, arrays=arrays),
         service_type(CancelGoal),
-        message_type(GoalStatusArray),
+        message_type(msg.GoalStatusArray),
     )
 
 

@@ -13,15 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, overload
 
 from rosidl_py_gen.base.waiters import blocking
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
-from rosidl_py_gen.msgs.rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
 from rosidl_py_gen.runtime.entities.services import CallTimeoutError, Client
@@ -96,12 +88,12 @@ class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
         self._scope = scope
         self._node = node
         topic = names.resolve_topic("/parameter_events")
-        self._subscription: Subscription[EventMessage] = Subscription(
-            scope, message_type(EventMessage), topic, self._on_message, PARAMETER_EVENTS
+        self._subscription: Subscription[msg.ParameterEvent] = Subscription(
+            scope, message_type(msg.ParameterEvent), topic, self._on_message, PARAMETER_EVENTS
         )
         scope.register(self)
 
-    def _on_message(self, message: EventMessage) -> None:
+    def _on_message(self, message: msg.ParameterEvent) -> None:
         if self._node is None or message.node == self._node:
             self._push(RemoteParameterEvent(message.node, read_stamp(message.stamp), event_from_message(message)))
 
@@ -141,12 +133,12 @@ class ParameterClient(CompositeEntity):
             self._clients.append(Client(self._parts, service_type(service), topic, PARAMETERS))
             return self._clients[-1]
 
-        self._get = client(GetParameters, "get_parameters")
-        self._types = client(GetParameterTypes, "get_parameter_types")
-        self._set = client(SetParameters, "set_parameters")
-        self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
-        self._describe = client(DescribeParameters, "describe_parameters")
-        self._list = client(ListParameters, "list_parameters")
+        self._get = client(srv.GetParameters, "get_parameters")
+        self._types = client(srv.GetParameterTypes, "get_parameter_types")
+        self._set = client(srv.SetParameters, "set_parameters")
+        self._set_atomically = client(srv.SetParametersAtomically, "set_parameters_atomically")
+        self._describe = client(srv.DescribeParameters, "describe_parameters")
+        self._list = client(srv.ListParameters, "list_parameters")
         scope.register(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
@@ -249,15 +241,15 @@ class ParameterClient(CompositeEntity):
         raise MalformedAnswerError(f"{self.node} returned {len(items)} values for {len(requested)} parameters")
 
     async def _get_values(self, names: list[str], timeout_s: float | None) -> list[ParameterValue]:
-        response = await self._get.call(GetParameters.Request(names=names), timeout_s)
+        response = await self._get.call(srv.GetParameters.Request(names=names), timeout_s)
         return [value_from_message(item) for item in response.values]
 
     async def _get_types(self, names: list[str], timeout_s: float | None) -> list[ParameterType]:
-        response = await self._types.call(GetParameterTypes.Request(names=names), timeout_s)
+        response = await self._types.call(srv.GetParameterTypes.Request(names=names), timeout_s)
         return [parameter_type(int(item)) for item in response.types]
 
     async def _get_descriptors(self, names: list[str], timeout_s: float | None) -> list[ParameterDescriptor]:
-        response = await self._describe.call(DescribeParameters.Request(names=names), timeout_s)
+        response = await self._describe.call(srv.DescribeParameters.Request(names=names), timeout_s)
         return [descriptor_from_message(item) for item in response.descriptors]
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
@@ -328,7 +320,7 @@ class ParameterClient(CompositeEntity):
         return first | await self._read_batch(names[middle:], deadline)
 
     async def _set_once(self, parameters: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
-        request = SetParameters.Request(parameters=[parameter_to_message(item) for item in parameters])
+        request = srv.SetParameters.Request(parameters=[parameter_to_message(item) for item in parameters])
         return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
@@ -355,7 +347,7 @@ class ParameterClient(CompositeEntity):
     set_atomically_sync = blocking(set_atomically)
 
     async def _set_all(self, parameters: Sequence[Parameter], deadline: Deadline) -> SetResult:
-        request = SetParametersAtomically.Request(parameters=[parameter_to_message(item) for item in parameters])
+        request = srv.SetParametersAtomically.Request(parameters=[parameter_to_message(item) for item in parameters])
         return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
@@ -403,7 +395,7 @@ class ParameterClient(CompositeEntity):
             ServerLostError: the remote node disappeared.
             ClosedError: the client is closed.
         """
-        request = ListParameters.Request(prefixes=as_names(prefixes, "prefixes"), depth=depth)
+        request = srv.ListParameters.Request(prefixes=as_names(prefixes, "prefixes"), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
         return ListParametersResult(tuple(result.names), tuple(result.prefixes))
 

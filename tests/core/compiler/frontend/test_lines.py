@@ -10,8 +10,6 @@ from support.interface_packages import message, parse, read
 
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.model import (
-    CONSTANT_NAME,
-    FIELD_NAME,
     ActionDef,
     ConstantDef,
     FieldDef,
@@ -310,14 +308,14 @@ NAMES = [
 def test_legal_names_of_each_kind_of_definition_element(
     text: str, lower: bool, constant: bool, interface: bool
 ) -> None:
-    assert RosName.PACKAGE_RULE.allows(text) == FIELD_NAME.allows(text) == lower
-    assert CONSTANT_NAME.allows(text) == constant
+    assert RosName.PACKAGE_RULE.allows(text) == RosName.FIELD_RULE.allows(text) == lower
+    assert RosName.CONSTANT_RULE.allows(text) == constant
     assert is_interface_name(text) == interface
 
 
 def test_a_hostile_name_is_checked_in_linear_time() -> None:
-    assert not CONSTANT_NAME.allows("A" * 100_000 + "!")
-    assert not FIELD_NAME.allows("a" * 100_000 + "!")
+    assert not RosName.CONSTANT_RULE.allows("A" * 100_000 + "!")
+    assert not RosName.FIELD_RULE.allows("a" * 100_000 + "!")
 
 
 # --- empty, services, actions -----------------------------------------------------------------------------------------

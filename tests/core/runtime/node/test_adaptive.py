@@ -12,7 +12,7 @@ from support.waiting import until
 from support.worlds import World, entity
 
 from rosidl_py_gen import decode, get_message, type_hash
-from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
+from rosidl_py_gen.cdr.message import opaque_message_class
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, Reliability, WaitTimeoutError, WouldDeadlockError
 from rosidl_py_gen.runtime import qos as presets

@@ -15,8 +15,7 @@ from support.worlds import World
 
 from rosidl_py_gen import compile_definition, get_message, type_description, type_hash, type_name
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.cdr.message import TypeInfo
-from rosidl_py_gen.command_support.graph_lookup import opaque_message_class
+from rosidl_py_gen.cdr.message import TypeInfo, opaque_message_class
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetLoggerLevels
