@@ -72,7 +72,11 @@ _FILTER = partial(
     shell_complete=_completion("complete_selection"),
 )
 _OUT = partial(
-    click.option, "--out", metavar="DIR", show_default=True, shell_complete=_completion("complete_directories")
+    click.option,
+    *("-o", "--output", "--out", "out"),
+    metavar="DIR",
+    show_default=True,
+    shell_complete=_completion("complete_directories"),
 )
 
 

@@ -13,7 +13,12 @@ from rosidl_py_gen.ros_cli import options, verb
 @click.command("prefix")
 @click.argument("sources", nargs=-1, metavar="[SRC]...", type=click.Path())
 @click.option(
-    "--out", metavar="DIR", type=click.Path(file_okay=False), default=".ros", show_default=True, help="Prefix."
+    *("-o", "--output", "--out", "out"),
+    metavar="DIR",
+    type=click.Path(file_okay=False),
+    default=".ros",
+    show_default=True,
+    help="Prefix.",
 )
 @distro
 @options.as_json
