@@ -39,7 +39,7 @@ class _Components(NamedTuple):
 
 
 class RosName(_Components):
-    """Components of a full interface name such as ``std_msgs/msg/Header``, and the rules for them."""
+    """Components of a full interface name such as ``std_msgs/msg/Header``, and rules for names in definitions."""
 
     __slots__ = ()
 

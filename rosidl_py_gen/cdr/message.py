@@ -1,4 +1,4 @@
-"""Base classes of generated code, and the ROS type of a class.
+"""Base classes of generated code, the ROS type of a class, and classes without fields for serialized messages.
 
 Generated classes have flat `_encode` and `_decode` of their own. This module adds equality, `repr` and the public
 methods. Slow paths are in `codec`.

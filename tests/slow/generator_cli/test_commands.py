@@ -194,6 +194,17 @@ def test_generated_files_below_the_path_are_not_a_package(shell: Shell) -> None:
         assert (answer.code, answer.out[:25]) == (0, "1 interface in 1 package:"), answer.err
 
 
+@pytest.mark.parametrize("option", ["-o", "--output", "--out"])
+@pytest.mark.parametrize(
+    ("words", "made"),
+    [(("--filter", "std_srvs"), "std_srvs/srv/_trigger.py"), (("wheel", "std_srvs"), "std_srvs-*.whl")],
+)
+def test_three_spellings_of_the_output_folder(shell: Shell, option: str, words: tuple[str, ...], made: str) -> None:
+    answer = shell(*words, option, "made")
+    assert answer.code == 0, answer.err
+    assert [*(shell.folder / "made").glob(made)]
+
+
 # --- the other commands -----------------------------------------------------------------------------------------------
 
 

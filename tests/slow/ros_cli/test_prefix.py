@@ -70,6 +70,12 @@ def test_prefix_has_same_files_as_colcon(made: build.Prefix) -> None:
     assert not made.problems and not made.skipped
 
 
+@pytest.mark.parametrize("option", ["-o", "--output", "--out"])
+def test_three_spellings_of_the_folder_of_a_prefix(workspace: Path, tmp_path: Path, option: str) -> None:
+    done = subprocess.run([*COMMAND, "src", option, str(tmp_path / "made")], cwd=workspace, check=False)
+    assert done.returncode == 0 and (tmp_path / "made/setup.bash").is_file()
+
+
 def test_ament_index_python_returns_recorded_results_for_prefix(made: build.Prefix) -> None:
     recorded = json.loads(RECORDED.read_text())["ament_index_python"]
     assert answers(sys.executable, made.folder, {**os.environ, **variables(made.folder)}) == recorded

@@ -19,6 +19,7 @@ from support.waiting import take, until
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.base.terminal_text import json_text
+from rosidl_py_gen.command_support import graph_lookup
 from rosidl_py_gen.ros_cli import values
 from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics, report_text
 from rosidl_py_gen.runtime import Node, QoSProfile
@@ -145,7 +146,7 @@ def test_invalid_topic_pub_arguments_are_reported(words: list[str], stdin: str, 
     assert code == 1 and reason in err
 
 
-def test_topic_hz_bw_and_delay_measure_without_definition(
+def test_topic_hz_and_bw_measure_without_definition_and_delay_by_stamp(
     topic_peer: tuple[str, str], run_here: Any, monkeypatch: Any
 ) -> None:
     def report(*words: str) -> str:
@@ -153,6 +154,7 @@ def test_topic_hz_bw_and_delay_measure_without_definition(
 
     spread = r"\n\tmin: (\d+\.\d{3})s max: (\d+\.\d{3})s std dev: \d+\.\d{5}s window: \d+\n"
     with monkeypatch.context() as patched:
+        patched.setattr(graph_lookup, "get_message", None)
         patched.setattr(Node, "resolve_type", None)
         rate, bandwidth = report("hz", "/demo/_poses"), report("bw", "/demo/_words")
         reports = (report("hz", "/demo/_poses", "/demo/_words") for _ in range(3))
