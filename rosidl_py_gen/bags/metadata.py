@@ -5,6 +5,7 @@ Written is version 8, which ROS 2 Humble to Kilted read. Versions 1 to 9 are rea
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,7 +14,9 @@ import yaml
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, DurableFile
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.yaml_text import YamlError, YamlText
+from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime import qos as presets
 
@@ -24,6 +27,8 @@ FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
 _MAX_BYTES = 1 << 26
 """Maximum bytes of ``metadata.yaml``; rosbag2 writes about 250 bytes for each file and topic of a bag."""
+_MAX_COUNT = 1 << 64
+"""Maximum number of messages of a topic that a note about lost messages states; the file may state any number."""
 _MAX_QOS_BYTES = 1 << 20
 """Maximum bytes of a topic's QoS text; one publisher takes about 400 bytes."""
 _POLICIES = sorted(presets.POLICIES, key=lambda policy: [one.name for one in fields(QoSProfile)].index(policy.field))
@@ -54,6 +59,23 @@ class BagMetadata:
     def by_name(self) -> dict[tuple[str, str], BagTopic]:
         """Return the topics of the bag by name and type."""
         return {(topic.name, topic.type_name): topic for topic in self.topics}
+
+    def loss_note(self, found: Mapping[str, int | None]) -> str:
+        """Return a note if the files of the bag have fewer messages than ``metadata.yaml`` lists; else "".
+
+        Args:
+            found: number of messages by topic; None if it is not known. A topic that is missing has none.
+        """
+        listed: Counter[str] = Counter()
+        for topic in self.topics:
+            listed[topic.name] += min(topic.count or 0, _MAX_COUNT)
+        differences = {name: listed[name] - number for name in listed if (number := found.get(name, 0)) is not None}
+        lost = {name: number for name, number in differences.items() if number > 0}
+        if not lost:
+            return ""
+        topics = printable(next(iter(lost))) if len(lost) == 1 else pluralize(len(lost), "topic")
+        messages = pluralize(sum(lost.values()), "message")
+        return f"{messages} of {topics} that {FILE} lists are lost: a file of the bag was cut off or replaced"
 
 
 def read_metadata(folder: Path) -> BagMetadata:

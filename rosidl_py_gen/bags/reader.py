@@ -99,6 +99,9 @@ class BagReader:
     Raises:
         BagError: the bag is damaged beyond reading, or of an unknown kind.
         OSError: the bag cannot be opened.
+
+    A `BagWarning` reports unfinished records at the end of files, and messages that ``metadata.yaml`` lists and the
+    files lack.
     """
 
     def __init__(
@@ -149,6 +152,9 @@ class BagReader:
                 if lost:
                     text = f"{file} breaks off within a record; its last {lost} bytes are lost"
                     warnings.warn(text, BagWarning, stacklevel=2)
+            counts = {name: topic.count for name, topic in topics.items()}
+            if self._metadata is not None and (note := self._metadata.loss_note(counts)):
+                warnings.warn(f"{self.path}: {note}", BagWarning, stacklevel=2)
         except BaseException:
             self.close()
             raise

@@ -14,13 +14,14 @@ repair can be repeated.
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
-from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, sync_file, sync_folder
+from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, BagWarning, sync_file, sync_folder
 from rosidl_py_gen.bags.definition_lookup import has_definition
 from rosidl_py_gen.bags.metadata import (
     FILE,
@@ -684,6 +685,9 @@ def _reindex_folder(folder: Path, on_progress: OnProgress | None) -> Reindexed:
         topics = topics_by_name(with_listed_values(previous, channel) for channel in survey.channels)
         if previous is not None:
             omitted["listed_topics"] += len(listed_topics(previous) - topics.keys())
+            found = sum((Counter(file.counts) for file in survey.statistics), Counter[str]())
+            if note := previous.loss_note(found):
+                warnings.warn(f"{folder}: {note}", BagWarning, stacklevel=3)
         text = metadata_text(
             storage,
             survey.statistics,

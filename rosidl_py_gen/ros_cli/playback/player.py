@@ -270,6 +270,10 @@ class Player:
         self.publishers = TopicPublishers(command_node.node, overrides, note)
         self.requests = Requests(command_node.node, options.requests_source, options.paths, note)
         self._names = _remapped_names(command_node, recording, part.topics, options.remaps)
+        known = {channel.name for _, channel in recording.channels}.union(self._names.values())
+        if unknown := [name for name in overrides if name not in known]:
+            more = "" if len(unknown) == 1 else f", nor {pluralize(len(unknown) - 1, 'other topic')} of this file"
+            note(f"{options.qos_file}: the bag has no topic {unknown[0]}{more}{did_you_mean(unknown[0], known)}")
         self._clock_topics = {command_node.full_name(one) for one in options.clock_topics}
         for name in sorted(self._clock_topics.difference(part.topics)):
             raise CommandError(f"--clock-topics {name}: topic is not played; topics are {', '.join(part.topics)[:300]}")

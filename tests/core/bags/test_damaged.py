@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sqlite3
 import struct
 import time
@@ -216,6 +217,39 @@ def test_invalid_metadata_is_reported(tmp_path: Path, text: str, error_text: str
 @pytest.mark.usefixtures("little_memory")
 def test_invalid_qos_text_is_parsed_as_no_profiles(text: str) -> None:
     assert OfferedQoS.parse(text) == []
+
+
+def split_bag(folder: Path) -> list[Path]:
+    """Write a bag of three MCAP files with 10 messages on each of two topics, and return the files."""
+    with BagWriter(folder, compression="") as writer:
+        for number in range(30):
+            if number in (10, 20):
+                writer.split()
+            writer.write("/s", String(data=str(number)), number)
+            writer.write("/t", String(data=str(number)), number)
+    return sorted(folder.glob("*.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("left", "note"), [(0, r"20 messages of 2 topics"), (None, r"\d+ messages of 2 topics")], ids=["empty", "cut"]
+)
+def test_messages_that_metadata_lists_and_files_lack_are_reported(tmp_path: Path, left: int | None, note: str) -> None:
+    files = split_bag(tmp_path / "bag")
+    assert len(files) == 3
+    data = files[1].read_bytes()
+    files[1].write_bytes(data[: data.index(String(data="15").encode()) if left is None else left])
+    expected = rf"bag: {note} that metadata\.yaml lists are lost: a file of the bag was cut off or replaced"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with BagReader(tmp_path / "bag") as reader:
+            found = [*reader.messages(raw=True)]
+        reindex(tmp_path / "bag")
+    told = [str(one.message) for one in caught if "lists" in str(one.message)]
+    assert len(told) == 2 and re.search(expected, told[0]) and re.search(expected, told[1])
+    assert f"{60 - len(found)} messages" in told[0] and told[0] == told[1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BagReader(tmp_path / "bag").close()
 
 
 def test_metadata_cannot_refer_to_files_outside_the_bag_folder(tmp_path: Path) -> None:

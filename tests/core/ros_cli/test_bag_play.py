@@ -432,7 +432,7 @@ async def test_qos_overrides_file_replaces_recorded_profiles(node: Node, tool: A
     file = tmp_path / "qos.yaml"
     file.write_text(
         "/a:\n  reliability: best_effort\n  durability: transient_local\n  history: keep_last\n  depth: 3\n"
-        "/renamed: {reliability: best_effort}\n"
+        "/renamed: {reliability: best_effort}\n/aa: {depth: 3}\n"
     )
     process = await tool.start(
         *("bag", "play", mixed, "--topics", "/a", "/b", "/ns/a", "--remap", "/b:=/renamed", "--start-paused"),
@@ -447,6 +447,7 @@ async def test_qos_overrides_file_replaces_recorded_profiles(node: Node, tool: A
     ended = await tool.end(process)
     assert ended.code == 0
     assert "--wait-for-all-acked: /a is best effort, without acknowledgements\n" in ended.err
+    assert f"{file}: the bag has no topic /aa; did you mean" in ended.err and "/renamed;" not in ended.err
     assert "/ns/a" not in ended.err
 
 
