@@ -75,7 +75,7 @@ class BagMetadata:
             return ""
         topics = printable(next(iter(lost))) if len(lost) == 1 else pluralize(len(lost), "topic")
         messages = pluralize(sum(lost.values()), "message")
-        return f"{messages} of {topics} that {FILE} lists are lost: a file of the bag was cut off or replaced"
+        return f"{messages} of {topics} that {FILE} lists are lost: a file of the bag was cut off, replaced or removed"
 
 
 def read_metadata(folder: Path) -> BagMetadata:

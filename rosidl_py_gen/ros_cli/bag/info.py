@@ -123,7 +123,7 @@ def _show(document: dict[str, Any], is_verbose: bool) -> None:
     ]
     if not document["has_index"]:
         advice = "`rosidl-py bag convert` creates a complete bag" if document["messages"] else "it contains no message"
-        rows.append(("Index", f"missing: the recorder was killed; {advice}"))
+        rows.append(("Index", f"missing: the recorder was killed, or a file was cut off; {advice}"))
     if document["unread_bytes"]:
         rows.append(("Lost", f"{size_text(document['unread_bytes'])} of an unfinished record at the end"))
     if document["damaged"]:

@@ -238,7 +238,7 @@ def test_messages_that_metadata_lists_and_files_lack_are_reported(tmp_path: Path
     assert len(files) == 3
     data = files[1].read_bytes()
     files[1].write_bytes(data[: data.index(String(data="15").encode()) if left is None else left])
-    expected = rf"bag: {note} that metadata\.yaml lists are lost: a file of the bag was cut off or replaced"
+    expected = rf"bag: {note} that metadata\.yaml lists are lost: a file of the bag was cut off, replaced or removed"
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with BagReader(tmp_path / "bag") as reader:

@@ -225,7 +225,8 @@ def test_info_counts_intact_messages_of_damaged_file_without_index(run_here: Any
     zeroed_chunk(tmp_path / "a.mcap", 2, has_index=False)
     code, out, err = run_here("bag", "info", str(tmp_path / "a.mcap"))
     assert (code, f"Messages:   {LEFT}" in out, "Damaged:    1 part" in out, PLACE in err) == (0, True, True, True)
-    assert "Index:      missing: the recorder was killed; `rosidl-py bag convert` creates a complete bag" in out
+    advice = "`rosidl-py bag convert` creates a complete bag"
+    assert f"Index:      missing: the recorder was killed, or a file was cut off; {advice}" in out
 
 
 async def test_play_publishes_intact_messages_of_damaged_file(memory: World, tool: Any, tmp_path: Path) -> None:
